@@ -1,0 +1,48 @@
+"""The one way this package compiles a function: Numba, float64, IEEE arithmetic, cached on disk."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+# "numpy" division never raises, which is what lets LLVM vectorise; fast-math stays off so that results don't
+# depend on how many simulations share a block.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "nogil": True}
+
+
+class _CacheState:
+    available = True
+
+
+def compiled(function: Function) -> Function:
+    """Compile ``function`` on first use and keep the machine code in Numba's cache.
+
+    Where no cache folder can be written, the function is compiled in memory instead and one warning says so.
+    """
+    if _CacheState.available:
+        try:
+            return cast(Function, numba.njit(cache=True, **_OPTIONS)(function))
+        except RuntimeError as error:
+            _CacheState.available = False
+            warnings.warn(
+                f"Numba finds no folder to cache compiled code in ({error}); every process will compile anew. "
+                "Set NUMBA_CACHE_DIR to a writable folder to avoid that.",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+    return cast(Function, numba.njit(**_OPTIONS)(function))
+
+
+def inlined(function: Function) -> Function:
+    """Compile a small function into its callers, so that their loops still vectorise."""
+    return cast(Function, numba.njit(forceinline=True, **_OPTIONS)(function))
+
+
+def subroutine(function: Function) -> Function:
+    """Compile a large function that other compiled code calls; the compiler decides whether to inline it."""
+    return cast(Function, numba.njit(**_OPTIONS)(function))

@@ -1,0 +1,237 @@
+"""Scenarios: everything that defines an episode, frozen, validated and convertible to JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from uwoc_gym.link import OpticalLink
+from uwoc_gym.observation import ObservationSettings
+from uwoc_gym.parameters import Number, Parameters, SettingError, child, closest, flag, number
+from uwoc_gym.reward import RewardSettings
+from uwoc_gym.sea import Current, Pulse, Sea
+from uwoc_gym.sensors import Sensors
+from uwoc_gym.ship import SHIP_PATHS, CirclePath, LawnMowerPath, PaperPath, RandomPath, ShipPath, StraightPath
+from uwoc_gym.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start(Parameters):
+    """The AUV's state at time 0: in the earth frame, or as offsets from the ship's position and heading."""
+
+    x_m: Number = number(5.0, "m", "x", source="paper, sec. 4")
+    y_m: Number = number(5.0, "m", "y", source="paper, sec. 4")
+    yaw_rad: Number = number(0.0, "rad", "yaw", source="paper, sec. 4")
+    surge_mps: Number = number(0.0, "m/s", "surge velocity", source="paper, sec. 4: at rest")
+    sway_mps: Number = number(0.0, "m/s", "sway velocity", source="paper, sec. 4: at rest")
+    yaw_rate_rad_s: Number = number(0.0, "rad/s", "yaw rate", source="paper, sec. 4: at rest")
+    relative_to_ship: bool = flag(False, "x, y (along the earth's axes) and yaw are offsets from the ship's")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeSettings(Parameters):
+    """Time grid and end of an episode."""
+
+    duration_s: float = number(150.0, "s", "length", positive=True, randomisable=False, source="paper, sec. 4")
+    control_period_s: float = number(
+        0.05,
+        "s",
+        "time between actions",
+        positive=True,
+        randomisable=False,
+        source="20 Hz; the paper's runs use 0.005 s",
+    )
+    integration_step_s: float = number(
+        0.005, "s", "step of the RK4 integrator", positive=True, randomisable=False, source="paper, sec. 4"
+    )
+    lost_distance_m: float = number(
+        20.0,
+        "m",
+        "horizontal distance at which the link counts as lost beyond recovery",
+        positive=True,
+        randomisable=False,
+        source="project default: twice the radius of the paper's path",
+    )
+
+    def _check(self) -> None:
+        _whole(self.control_period_s, self.integration_step_s, "control_period_s", "integration_step_s")
+        _whole(self.duration_s, self.control_period_s, "duration_s", "control_period_s")
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps in a control period."""
+        return round(self.control_period_s / self.integration_step_s)
+
+    @property
+    def steps(self) -> int:
+        """Control periods in an episode."""
+        return round(self.duration_s / self.control_period_s)
+
+
+def _whole(long: float, short: float, long_name: str, short_name: str) -> None:
+    ratio = long / short
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+        raise SettingError(
+            f"EpisodeSettings.{long_name} = {long!r} is not allowed; it must be a whole multiple of "
+            f"{short_name} = {short!r} [s]."
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario(Parameters):
+    """All that defines an episode.
+
+    Any physical number may be a pair ``(low, high)``: each episode then draws it uniformly from its own seed. ``ship``
+    may be one path or several, of which each episode draws one.
+
+    Examples:
+        >>> heavy = Scenario.named("Nominal").merged({"vehicle": {"mass_scale": (0.8, 1.2)}})
+        >>> Scenario.from_json(heavy.to_json()) == heavy
+        True
+    """
+
+    link: OpticalLink = child(OpticalLink(), (OpticalLink,), "the optical link")
+    vehicle: Vehicle = child(Vehicle(), (Vehicle,), "the AUV")
+    ship: ShipPath | tuple[ShipPath, ...] = child(
+        PaperPath(), SHIP_PATHS, "the ship's path, or alternatives to draw from", one_or_many=True
+    )
+    sea: Sea = child(Sea(), (Sea,), "pulses and current")
+    sensors: Sensors = child(Sensors(), (Sensors,), "measurement noise")
+    start: Start = child(Start(), (Start,), "the AUV's state at time 0")
+    depth_m: Number | None = number(
+        None,
+        "m",
+        "the AUV's depth; None for the height of the cone",
+        positive=True,
+        optional=True,
+        source="paper, sec. 4: the cone's height",
+    )
+    episode: EpisodeSettings = child(EpisodeSettings(), (EpisodeSettings,), "time grid and end")
+    reward: RewardSettings = child(RewardSettings(), (RewardSettings,), "weights of the reward")
+    observation: ObservationSettings = child(ObservationSettings(), (ObservationSettings,), "observation scales")
+
+    def _check(self) -> None:
+        for path in self.ship_paths:
+            if path.end_time_s < self.episode.duration_s * (1.0 - 1e-9):
+                raise SettingError(
+                    f"Scenario.ship: the recorded path ends at {path.end_time_s:g} s, before the episode of "
+                    f"{self.episode.duration_s:g} s; record at least that long or lower episode.duration_s."
+                )
+
+    @property
+    def ship_paths(self) -> tuple[ShipPath, ...]:
+        """The alternatives that an episode's path is drawn from."""
+        return self.ship if isinstance(self.ship, tuple) else (self.ship,)
+
+    @classmethod
+    def named(cls, name: str) -> Scenario:
+        """The named scenario.
+
+        Raises:
+            SettingError: There is no scenario of that name; the nearest one is given.
+        """
+        if name not in SCENARIOS:
+            raise SettingError(f"There is no scenario {name!r}; {closest(name, list(SCENARIOS))}")
+        return SCENARIOS[name]
+
+    def to_json(self) -> str:
+        """The scenario as a JSON text that `from_json` reads back to an equal scenario."""
+        return json.dumps(self.to_dict(), indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> Scenario:
+        """Read a scenario from JSON.
+
+        Raises:
+            SettingError: The text isn't a JSON object, a key is unknown or a value isn't allowed.
+        """
+        try:
+            data = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise SettingError(f"The scenario isn't valid JSON: {error}.") from None
+        if not isinstance(data, Mapping):
+            raise SettingError("The scenario's JSON must be an object.")
+        return cls.from_dict(data)
+
+
+def as_scenario(value: str | Scenario | Mapping[str, Any], base: Scenario | None = None) -> Scenario:
+    """A scenario from its name, from itself, or from overrides merged into ``base``.
+
+    Raises:
+        SettingError: The name or a key is unknown, or a value isn't allowed.
+    """
+    if isinstance(value, Scenario):
+        return value
+    if isinstance(value, str):
+        return Scenario.named(value)
+    return (base or Scenario()).merged(value)
+
+
+_PULSE = Sea(pulses=(Pulse(),))
+
+SCENARIOS: dict[str, Scenario] = {
+    "Nominal": Scenario(),
+    "CurrentPulse": Scenario(sea=_PULSE),
+    "MassError": Scenario(sea=_PULSE, vehicle=Vehicle(mass_scale=1.2)),
+    "Random": Scenario(
+        vehicle=Vehicle(mass_scale=(0.8, 1.2), damping_scale=(0.8, 1.2)),
+        ship=(
+            RandomPath(speed_mps=(0.4, 1.0), wander=(0.2, 0.7)),
+            PaperPath(radius_m=(6.0, 12.0), rate_rad_s=(-0.1, 0.1), swing_rad=(-math.pi / 2, math.pi / 2)),
+            CirclePath(radius_m=(6.0, 15.0), speed_mps=(0.3, 1.0), turn="starboard"),
+            CirclePath(radius_m=(6.0, 15.0), speed_mps=(0.3, 1.0), turn="port"),
+            StraightPath(course_rad=(-math.pi, math.pi), speed_mps=(0.0, 1.0)),
+            LawnMowerPath(
+                course_rad=(-math.pi, math.pi),
+                leg_length_m=(8.0, 20.0),
+                spacing_m=(6.0, 10.0),
+                speed_mps=(0.3, 0.8),
+            ),
+        ),
+        sea=Sea(
+            pulses=(
+                Pulse(
+                    start_s=(5.0, 30.0),
+                    duration_s=(0.5, 2.0),
+                    force_x_n=(-1000.0, 1000.0),
+                    force_y_n=(-1000.0, 1000.0),
+                    moment_nm=(-350.0, 350.0),
+                ),
+                Pulse(
+                    start_s=(30.0, 55.0),
+                    duration_s=(0.5, 2.0),
+                    force_x_n=(-1000.0, 1000.0),
+                    force_y_n=(-1000.0, 1000.0),
+                    moment_nm=(-350.0, 350.0),
+                    frame="earth",
+                ),
+            ),
+            current=Current(
+                speed_mps=(0.0, 0.3),
+                direction_rad=(-math.pi, math.pi),
+                std_mps=(0.0, 0.1),
+                correlation_time_s=(20.0, 60.0),
+            ),
+        ),
+        sensors=Sensors(
+            position_std_m=(0.0, 0.05),
+            yaw_std_rad=(0.0, 0.02),
+            velocity_std_mps=(0.0, 0.02),
+            yaw_rate_std_rad_s=(0.0, 0.01),
+        ),
+        start=Start(
+            x_m=(-6.0, 6.0),
+            y_m=(-6.0, 6.0),
+            yaw_rad=(-math.pi, math.pi),
+            surge_mps=(-0.5, 0.5),
+            sway_mps=(-0.5, 0.5),
+            yaw_rate_rad_s=(-0.2, 0.2),
+            relative_to_ship=True,
+        ),
+        episode=EpisodeSettings(duration_s=60.0),
+    ),
+}
+"""The named scenarios: the paper's nominal run, Case I, Case II, and one that draws everything each episode."""
