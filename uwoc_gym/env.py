@@ -1,0 +1,250 @@
+"""The single environment: a fleet of one."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
+from uwoc_gym.observation import SIZE
+from uwoc_gym.spaces import (
+    ACTION_SIZE,
+    INFO_NAMES,
+    ScenarioLike,
+    action_space,
+    build_scenario,
+    check_options,
+    episode_scenario,
+    observation_space,
+)
+
+Observation = npt.NDArray[np.float32]
+
+_REWARD, _TERMINATED, _TRUNCATED, _SUCCESS = (
+    MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated", "is_success")
+)
+_IN_CONE = MEASURE_NAMES.index("in_cone")
+_ONE = np.zeros(1, dtype=np.int64)
+
+
+class TrackingEnv(gym.Env[Observation, Observation]):
+    """Keep an AUV inside the cone of light below a moving ship.
+
+    ## Description
+
+    An AUV with an optical transmitter works at constant depth below a ship that carries the receiver. The link reaches
+    its threshold bit rate (10 Mbit/s at a bit error rate of 1e-4, under solar noise) only inside a cone below the ship,
+    and hundreds of times as much on its axis. The agent applies forces to the AUV so that it enters the cone soon,
+    stays in it under pulses, currents, wrong masses and noisy sensors, and keeps close to the axis and to the ship's
+    heading. Equations and defaults are those of N'Doye, Zhang, Alouini and Laleg-Kirati, "Establishing and
+    Maintaining a Reliable Optical Wireless Communication in Underwater Environment".
+
+    ## Action Space
+
+    `Box(-1, 1, (3,), float32)`; finite numbers beyond the bounds are clipped.
+
+    | Num | Action       | Min | Max | Unit at ±1       |
+    |-----|--------------|-----|-----|------------------|
+    | 0   | surge force  | -1  | 1   | 2000 N           |
+    | 1   | sway force   | -1  | 1   | 2000 N           |
+    | 2   | yaw moment   | -1  | 1   | 500 N m          |
+
+    ## Observation Space
+
+    `Box((20,), float32)`: what the sensors say, noise included, in the AUV's body frame. An entry times its scale is
+    the value in its unit; `uwoc_gym.observation.unpack` does that. "Ahead" is along surge, "starboard" along sway.
+
+    | Num | Observation                                  | Min | Max | Unit    | Scale |
+    |-----|----------------------------------------------|-----|-----|---------|-------|
+    | 0   | ship position ahead                          | -5  | 5   | m       | 4     |
+    | 1   | ship position to starboard                   | -5  | 5   | m       | 4     |
+    | 2   | cosine of ship heading relative to AUV       | -1  | 1   | 1       | 1     |
+    | 3   | sine of ship heading relative to AUV         | -1  | 1   | 1       | 1     |
+    | 4   | ship velocity relative to AUV, ahead         | -5  | 5   | m/s     | 1     |
+    | 5   | ship velocity relative to AUV, to starboard  | -5  | 5   | m/s     | 1     |
+    | 6   | ship yaw rate relative to AUV                | -5  | 5   | rad/s   | 1     |
+    | 7   | surge velocity                               | -5  | 5   | m/s     | 1     |
+    | 8   | sway velocity                                | -5  | 5   | m/s     | 1     |
+    | 9   | yaw rate                                     | -5  | 5   | rad/s   | 1     |
+    | 10  | ship acceleration ahead                      | -5  | 5   | m/s^2   | 0.5   |
+    | 11  | ship acceleration to starboard               | -5  | 5   | m/s^2   | 0.5   |
+    | 12  | ship yaw acceleration                        | -5  | 5   | rad/s^2 | 0.5   |
+    | 13  | cosine of own heading                        | -1  | 1   | 1       | 1     |
+    | 14  | sine of own heading                          | -1  | 1   | 1       | 1     |
+    | 15  | last action, surge                           | -1  | 1   | 1       | 1     |
+    | 16  | last action, sway                            | -1  | 1   | 1       | 1     |
+    | 17  | last action, yaw                             | -1  | 1   | 1       | 1     |
+    | 18  | bit rate, log scale from threshold to on-axis| 0   | 1   | 1       | 1     |
+    | 19  | inside the cone                              | 0   | 1   | 1       | 1     |
+
+    ## Rewards
+
+    A weighted sum of five terms, each of which is in `info` as `reward_<name>` after weighting; see
+    `uwoc_gym.RewardSettings`. With the default weights the highest reward of a step is 1.
+
+    | Term     | Weight | Value                                                                    |
+    |----------|--------|--------------------------------------------------------------------------|
+    | bit_rate | 0.4    | log bit rate, 0 at the threshold or below, 1 at the on-axis rate          |
+    | in_cone  | 0.3    | 1 inside the cone, else 0                                                |
+    | position | 0.2    | 1 / (1 + horizontal distance / 1 m)                                      |
+    | heading  | 0.1    | 1 / (1 + yaw error / 0.5 rad)                                            |
+    | effort   | 0.05   | −(mean square of the action)                                             |
+
+    ## Starting State
+
+    The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal`, `CurrentPulse` and `MassError`; near
+    the ship, with everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y, yaw), "velocity": (surge,
+    sway, yaw rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame] and merges overrides for one
+    episode.
+
+    ## Episode End
+
+    Terminated when the horizontal distance to the ship exceeds `episode.lost_distance_m` (20 m): the link is lost
+    beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`. At the end `info["is_success"]`
+    says whether the AUV was inside the cone throughout the last third of the episode.
+
+    `info` holds at every step `bit_rate_bps` at the target bit error rate, `snr` and `ber` at the threshold rate,
+    `range_m`, `pointing_error_rad`, `in_cone`, `cost` (1 outside the cone, else 0) and the reward terms, all of the
+    true state.
+
+    ## Arguments
+
+    - `scenario`: overrides as a nested mapping, `{"vehicle": {"mass_scale": 1.2}}`, or a whole `Scenario` or its name.
+    - `control_period_s`: time between actions [s], by default 0.05.
+    - `integration_step_s`: integration step [s], by default 0.005; the control period is a whole multiple of it.
+
+    ## Version History
+
+    - v0: first release.
+
+    Raises:
+        SettingError: A setting is unknown or not allowed.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 20}
+
+    def __init__(
+        self,
+        scenario: ScenarioLike | None = None,
+        control_period_s: float | None = None,
+        integration_step_s: float | None = None,
+        render_mode: str | None = None,
+        scenario_name: str = "Nominal",
+    ) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode = {render_mode!r} is not allowed; this environment has none to offer.")
+        self.render_mode = None
+        self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
+        self.action_space = action_space()
+        self.observation_space = observation_space()
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.scenario.episode.control_period_s)}
+        self._fleet = Fleet(self.scenario, 1, Autoreset.DISABLED)
+        self._has_seed = False
+        self._running = False
+        self._bind()
+
+    def _bind(self) -> None:
+        # Looked up once: at a few microseconds a step every attribute counts.
+        self._actions = np.zeros((1, ACTION_SIZE), dtype=np.float32)
+        self._step_fleet = self._fleet.stepper(self._actions)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Fixes this and the following episodes.
+            options: ``pose`` (3,), ``velocity`` (3,) and ``scenario`` overrides, for this episode only.
+
+        Raises:
+            ValueError: An option is unknown, of the wrong shape or not finite.
+        """
+        given = check_options(options, ("pose", "velocity", "scenario"))
+        wanted = self.scenario
+        if given.get("scenario") is not None:
+            wanted = episode_scenario(self.scenario, given["scenario"])
+        super().reset(seed=seed)
+        if seed is not None or not self._has_seed:
+            _ = self.np_random
+            self._fleet.seed(_ONE, [self.np_random_seed])
+            self._has_seed = True
+        # `gym.make(..., max_episode_steps=n)` wraps a time limit around this environment, which must know of it to
+        # tell success at the episode's end.
+        limit = self.spec.max_episode_steps if self.spec is not None else None
+        if wanted is not self._fleet.scenario or (limit or wanted.episode.steps) != self._fleet.max_episode_steps:
+            self._fleet.configure(wanted, limit)
+            self._bind()
+        observation = np.empty((1, SIZE), dtype=np.float32)
+        self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"))
+        self._running = True
+        values = self._fleet.single.tolist()
+        return observation[0], self._info(values)
+
+    def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Apply an action of shape (3,) for one control period.
+
+        Raises:
+            ResetNeeded: No episode is running.
+            ValueError: The action has another shape or isn't finite; nothing has moved.
+        """
+        if not self._running:
+            raise gym.error.ResetNeeded("the episode has ended or not begun; call reset() before step().")
+        if not (type(action) is np.ndarray and action.shape == (ACTION_SIZE,)):
+            action = self._as_action(action)
+        self._actions[0] = action
+        observation = np.empty((1, SIZE), dtype=np.float32)
+        values = self._step_fleet(observation)
+        terminated = values[_TERMINATED] > 0.0
+        truncated = values[_TRUNCATED] > 0.0
+        info = self._info(values)
+        if terminated or truncated:
+            info["is_success"] = values[_SUCCESS] > 0.0
+            self._running = False
+        return observation[0], values[_REWARD], terminated, truncated, info
+
+    @staticmethod
+    def _info(values: list[float]) -> dict[str, Any]:
+        info: dict[str, Any] = dict(zip(INFO_NAMES, values, strict=False))
+        info["in_cone"] = values[_IN_CONE] > 0.0
+        return info
+
+    @staticmethod
+    def _as_action(action: Any) -> Observation:
+        try:
+            array = np.asarray(action, dtype=np.float32)
+        except (TypeError, ValueError):
+            array = np.empty(0, dtype=np.float32)
+        if array.shape != (ACTION_SIZE,):
+            raise ValueError(f"action {action!r} is not allowed; it must be {ACTION_SIZE} numbers, shape (3,).")
+        return array
+
+    def state(self) -> dict[str, Any]:
+        """The true state by name.
+
+        Returns:
+            ``time_s`` [s]; ``pose`` (3,) [m, m, rad] and ``velocity`` (3,) [m/s, m/s, rad/s] of the AUV, the first in
+            the earth frame, the second in the body frame; ``depth_m``; ``ship_pose``, ``ship_velocity``,
+            ``ship_acceleration`` (3,) in the earth frame; ``current`` (2,) [m/s]; ``force`` (3,) applied in the last
+            step [N, N, N m]; ``bit_rate_bps``, ``snr``, ``ber``, ``range_m``, ``pointing_error_rad``, ``in_cone`` and
+            the cone's ``slant_height_m``.
+        """
+        values = {name: array[0] for name, array in self._fleet.state().items()}
+        return {name: value if np.ndim(value) else value.item() for name, value in values.items()}
+
+    def parameters(self) -> dict[str, float]:
+        """What the present episode has drawn for each number of the scenario, by its path."""
+        return {path: float(values[0]) for path, values in self._fleet.drawn().items()}
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_step_fleet", "_actions")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bind()

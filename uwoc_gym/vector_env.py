@@ -1,0 +1,228 @@
+"""The vector environment: a fleet of N."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from uwoc_gym.fleet import MEASURE_NAMES, MEASURES, Autoreset, Fleet
+from uwoc_gym.observation import SIZE
+from uwoc_gym.spaces import (
+    ACTION_SIZE,
+    INFO_NAMES,
+    ScenarioLike,
+    action_space,
+    build_scenario,
+    check_options,
+    episode_scenario,
+    observation_space,
+)
+
+Observations = npt.NDArray[np.float32]
+Array = npt.NDArray[np.float64]
+
+_REWARD, _TERMINATED, _TRUNCATED, _SUCCESS = (
+    MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated", "is_success")
+)
+_MODES = {
+    AutoresetMode.NEXT_STEP: Autoreset.NEXT_STEP,
+    AutoresetMode.SAME_STEP: Autoreset.SAME_STEP,
+    AutoresetMode.DISABLED: Autoreset.DISABLED,
+}
+_NAMES = tuple((name, f"_{name}") for name in INFO_NAMES)
+
+
+class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
+    """N environments of `TrackingEnv`, advanced together by one compiled function.
+
+    Environment i seeded through ``reset(seed=s)`` gives the same episodes, bit for bit, as `TrackingEnv` seeded
+    with ``s + i``. Spaces, reward, episode end and `info` are those of `TrackingEnv`, batched; each key of `info` has
+    a mask ``_key`` as in Gymnasium's own vector environments.
+
+    Args:
+        num_envs: Number of environments N.
+        scenario: Overrides, a whole `Scenario`, or its name.
+        control_period_s: Time between actions [s].
+        integration_step_s: Integration step [s].
+        max_episode_steps: Steps after which an episode is truncated, by default the scenario's duration.
+        autoreset_mode: What happens after an episode's end: the next step begins a new one (the default), the same
+            step does, or nothing does until ``reset(options={"reset_mask": mask})``.
+        threads: Threads that share the work; worth it from several thousand environments on.
+
+    Raises:
+        SettingError: A setting is unknown or not allowed.
+        ValueError: ``num_envs``, ``threads`` or ``max_episode_steps`` is below 1.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 20}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: ScenarioLike | None = None,
+        control_period_s: float | None = None,
+        integration_step_s: float | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 1,
+        render_mode: str | None = None,
+        scenario_name: str = "Nominal",
+    ) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode = {render_mode!r} is not allowed; this environment has none to offer.")
+        self.render_mode = None
+        mode = AutoresetMode(autoreset_mode)
+        self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
+        self._max_episode_steps = max_episode_steps
+        self._fleet = Fleet(self.scenario, num_envs, _MODES[mode], max_episode_steps, threads)
+        self.num_envs = self._fleet.size
+        self.metadata = {
+            **self.metadata,
+            "render_fps": round(1.0 / self.scenario.episode.control_period_s),
+            "autoreset_mode": mode,
+        }
+        self.single_action_space = action_space()
+        self.single_observation_space = observation_space()
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._all = np.ones(self.num_envs, dtype=bool)
+        self._finals: Observations | None = None
+        self._current = np.zeros((self.num_envs, SIZE), dtype=np.float32)
+        self._begun = False
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Begin an episode in every environment, or in those of a mask.
+
+        Args:
+            seed: Environment i gets ``seed + i``, or the i-th of a list of N.
+            options: ``pose`` and ``velocity``, of shape (3,) or (N, 3); ``scenario`` overrides; ``reset_mask``, bool
+                of shape (N,), to reset only some environments.
+
+        Raises:
+            ValueError: An option is unknown, of the wrong shape or not finite, or there aren't N seeds.
+        """
+        given = check_options(options, ("pose", "velocity", "scenario", "reset_mask"))
+        mask = self._reset_mask(given.get("reset_mask"))
+        wanted = self.scenario
+        if given.get("scenario") is not None:
+            if not mask.all():
+                raise ValueError("options['scenario'] applies to all environments; leave out options['reset_mask'].")
+            wanted = episode_scenario(self.scenario, given["scenario"])
+        if mask.all() and wanted is not self._fleet.scenario:
+            self._fleet.configure(wanted, self._max_episode_steps)
+        lanes = np.flatnonzero(mask)
+        self._seed(seed, lanes)
+        observations = self._current.copy()
+        self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"))
+        self._current = observations
+        self._begun = True
+        return observations.copy(), self._infos(self._fleet.measures(), mask)
+
+    def _reset_mask(self, mask: Any) -> npt.NDArray[np.bool_]:
+        if mask is None:
+            return self._all
+        array = np.asarray(mask)
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
+            raise ValueError(
+                f"options['reset_mask'] has shape {array.shape} and type {array.dtype}; it must be a bool array of "
+                f"shape ({self.num_envs},) with at least one True."
+            )
+        if not self._begun and not array.all():
+            raise ValueError("options['reset_mask'] must be True everywhere at the first reset.")
+        return array
+
+    def _seed(self, seed: int | list[int | None] | None, lanes: npt.NDArray[np.int64]) -> None:
+        if seed is None:
+            if not self._begun:
+                super().reset(seed=None)
+                _ = self.np_random
+                first = self.np_random_seed
+                self._fleet.seed(lanes, [first + int(i) for i in lanes])
+            return
+        if isinstance(seed, (int, np.integer)):
+            super().reset(seed=int(seed))
+            seeds: list[int | None] = [int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+            if len(seeds) != self.num_envs:
+                raise ValueError(f"seed has {len(seeds)} entries; it must be a number or {self.num_envs} of them.")
+        chosen = [i for i in lanes.tolist() if seeds[i] is not None]
+        missing = [i for i in lanes.tolist() if seeds[i] is None]
+        self._fleet.seed(np.array(chosen, dtype=np.int64), [int(seeds[i] or 0) for i in chosen])
+        if missing and not self._begun:
+            entropy = np.random.SeedSequence().generate_state(len(missing), np.uint64)
+            self._fleet.seed(np.array(missing, dtype=np.int64), [int(word) for word in entropy])
+
+    def step(
+        self, actions: Observations
+    ) -> tuple[Observations, Array, npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
+        """Apply actions of shape (N, 3) for one control period.
+
+        Raises:
+            ResetNeeded: Nothing has been reset yet.
+            ValueError: The actions have another shape or aren't finite; nothing has moved.
+            RuntimeError: An episode has ended and autoreset is off; nothing has moved.
+        """
+        if not self._begun:
+            raise gym.error.ResetNeeded("no episode has begun; call reset() before step().")
+        given = np.ascontiguousarray(actions, dtype=np.float32)
+        if given.shape != (self.num_envs, ACTION_SIZE):
+            raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {ACTION_SIZE}).")
+        observations = np.empty((self.num_envs, SIZE), dtype=np.float32)
+        out = np.empty((MEASURES, self.num_envs))
+        same_step = self._fleet.autoreset is Autoreset.SAME_STEP
+        finals = np.empty_like(observations) if same_step else None
+        self._fleet.step(given, observations, out, finals)
+        self._current = observations
+        terminated = out[_TERMINATED] > 0.0
+        truncated = out[_TRUNCATED] > 0.0
+        ended = terminated | truncated
+        if not ended.any():
+            return observations, out[_REWARD], terminated, truncated, self._infos(out, self._all)
+        final = self._infos(out, ended if same_step else self._all)
+        final["is_success"] = (out[_SUCCESS] > 0.0) & ended
+        final["_is_success"] = ended
+        if finals is None:
+            return observations, out[_REWARD], terminated, truncated, final
+        infos = self._infos(self._fleet.measures(), self._all)
+        infos["final_obs"] = _object_array(finals, ended)
+        infos["_final_obs"] = ended.copy()
+        infos["final_info"] = final
+        infos["_final_info"] = ended.copy()
+        return observations, out[_REWARD], terminated, truncated, infos
+
+    @staticmethod
+    def _infos(measures: Array, mask: npt.NDArray[np.bool_]) -> dict[str, Any]:
+        infos: dict[str, Any] = {}
+        for (name, mask_name), values in zip(_NAMES, measures, strict=False):
+            infos[name] = values
+            infos[mask_name] = mask
+        infos["in_cone"] = infos["in_cone"] > 0.0
+        return infos
+
+    def state(self) -> dict[str, Array]:
+        """The true states by name, as in `TrackingEnv.state`, each with a first axis of length N."""
+        return self._fleet.state()
+
+    def parameters(self) -> dict[str, Array]:
+        """What the present episodes have drawn for each number of the scenario, by its path, shape (N,)."""
+        return self._fleet.drawn()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads, if there are any."""
+        self._fleet.close()
+
+
+def _object_array(rows: Observations, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.object_]:
+    """The rows where the mask is set, as Gymnasium passes final observations on; None elsewhere."""
+    result = np.full(len(rows), None, dtype=object)
+    for index in np.flatnonzero(mask):
+        result[index] = rows[index].copy()
+    return result
