@@ -170,8 +170,8 @@ _CONSTANTS = 35
 _PATH_WIDTH = 1 + 2 * PATH_PARAMETERS
 
 _LARGEST = np.finfo(np.float32).max
-_NOT_FINITE = 1
-_HAS_ENDED = 2
+_NOT_FINITE = -1
+_HAS_ENDED = -2
 
 
 @inlined
@@ -281,7 +281,7 @@ def _move_ship(s, lanes, table, splines) -> None:  # type: ignore[no-untyped-def
     move_ship(s, lanes, table[C_RANDOM] > 0.0, table[C_LAWN_MOWER] > 0.0, table[C_RECORDED] > 0.0, splines)
 
 
-@inlined
+@subroutine
 def _advance(s, lanes, table, actions, first_lane, splines) -> None:  # type: ignore[no-untyped-def]
     """Move the block's AUVs through one control period."""
     period = table[C_PERIOD]
@@ -497,12 +497,34 @@ def _reset(s, table, splines, lanes, poses, velocities, observations):  # type: 
         _show_start(own, table, observations, lane)
 
 
-@compiled
-def _step(s, table, splines, actions, observations, out, finals, first, last):  # type: ignore[no-untyped-def]
-    """Advance lanes ``first`` to ``last`` (multiples of 64 but for the end); returns 0 or what is wrong.
+@inlined
+def _move(s, lanes, table, splines, actions, observations, first) -> None:  # type: ignore[no-untyped-def]
+    """One control period of a block: the order in which everything happens."""
+    _advance(s, lanes, table, actions, first, splines)
+    _measure(s, lanes, table)
+    _observe(s, lanes, table, observations, first)
 
-    ``out`` receives the measures before any autoreset, ``finals`` the last observation of episodes that ended
-    where autoreset happens in the same step.
+
+@compiled
+def _step_one(s, table, splines, action, observation, out):  # type: ignore[no-untyped-def]
+    """`_step` for a fleet of one without autoreset, with as few arguments as possible since each costs time."""
+    for axis in range(3):
+        if not abs(action[axis]) <= _LARGEST:
+            return _NOT_FINITE
+    if s[ENDED * STRIDE] > 0.0:
+        return _HAS_ENDED
+    _move(s, 1, table, splines, action, observation, 0)
+    for measure in range(MEASURES):
+        out[measure] = s[(FIRST_MEASURE + measure) * STRIDE]
+    return 0
+
+
+@compiled
+def _step(s, table, splines, actions, observations, out, flags, finals, first, last):  # type: ignore[no-untyped-def]
+    """Advance lanes ``first`` to ``last``; returns how many episodes ended, or a negative number for what is wrong.
+
+    ``first`` is a multiple of the block's lanes. ``out`` and ``flags`` receive the measures and flags before any
+    autoreset in this step, ``finals`` the last observations of episodes that end where autoreset is in the same step.
     """
     rows = int(table[C_ROWS])
     autoreset = int(table[C_AUTORESET])
@@ -519,18 +541,17 @@ def _step(s, table, splines, actions, observations, out, finals, first, last):  
                 bad += 1 if s[row + j] > 0.0 else 0
         if bad:
             return _HAS_ENDED
+    ends = 0
     for start in range(first, last, LANES):
         lanes = min(LANES, last - start)
         block = s[start // LANES * rows * STRIDE :]
         # A lane that ended in the step before begins anew in this one, whose action and reward don't count.
-        fresh = False
+        fresh = 0
         if autoreset == 1:
             for j in range(lanes):
                 block[WAS_ENDED * STRIDE + j] = block[ENDED * STRIDE + j]
-                fresh |= block[ENDED * STRIDE + j] > 0.0
-        _advance(block, lanes, table, actions, start, splines)
-        _measure(block, lanes, table)
-        _observe(block, lanes, table, observations, start)
+                fresh += 1 if block[ENDED * STRIDE + j] > 0.0 else 0
+        _move(block, lanes, table, splines, actions, observations, start)
         if fresh:
             for j in range(lanes):
                 if block[WAS_ENDED * STRIDE + j] > 0.0:
@@ -541,13 +562,18 @@ def _step(s, table, splines, actions, observations, out, finals, first, last):  
             target = out[measure, start : start + lanes]
             for j in range(lanes):
                 target[j] = source[j]
+        for j in range(lanes):
+            flags[0, start + j] = block[TERMINATED * STRIDE + j] > 0.0
+            flags[1, start + j] = block[TRUNCATED * STRIDE + j] > 0.0
+            flags[2, start + j] = block[IN_CONE * STRIDE + j] > 0.0
+            ends += 1 if block[ENDED * STRIDE + j] > 0.0 else 0
         if autoreset == 2:
             for j in range(lanes):
                 if block[ENDED * STRIDE + j] > 0.0:
                     for k in range(SIZE):
                         finals[start + j, k] = observations[start + j, k]
                     _restart(block[j:], table, splines, observations, start + j)
-    return 0
+    return ends
 
 
 def _bounds(value: float | Range) -> tuple[float, float]:
@@ -731,46 +757,48 @@ class Fleet:
         actions: npt.NDArray[np.float32],
         observations: npt.NDArray[np.float32],
         out: Array,
+        flags: npt.NDArray[np.bool_],
         finals: npt.NDArray[np.float32] | None = None,
-    ) -> None:
+    ) -> int:
         """Advance every simulation by one control period.
 
         Args:
             actions: Shape (N, 3), float32; clipped to [-1, 1] and scaled by the actuators' limits.
             observations: Written to, shape (N, 20), float32.
             out: Written to, shape (16, N): the measures before any autoreset, in the order of `MEASURE_NAMES`.
+            flags: Written to, shape (3, N): terminated, truncated, in the cone, before any autoreset.
             finals: Written to where a simulation ended and began anew in this step, shape (N, 20), float32.
+
+        Returns:
+            How many episodes ended in this step.
 
         Raises:
             ValueError: An action isn't finite; nothing has moved.
             RuntimeError: An episode has ended and autoreset is disabled; nothing has moved.
         """
         last_observations = self._unused if finals is None else finals
-        arguments = (self._state, self._table, self._splines, actions, observations, out, last_observations)
+        arguments = (self._state, self._table, self._splines, actions, observations, out, flags, last_observations)
         if self.threads == 1 or self._blocks == 1:
-            status = _step(*arguments, 0, self.size)
+            ends: int = _step(*arguments, 0, self.size)
         else:
-            status = self._step_in_threads(arguments)
-        if status:
-            self._refuse(status, actions)
+            ends = self._step_in_threads(arguments)
+        if ends < 0:
+            self._refuse(ends, actions)
+        return ends
 
-    def stepper(self, actions: npt.NDArray[np.float32]) -> Callable[[npt.NDArray[np.float32]], list[float]]:
-        """A quick `step` for a fleet of one: takes the observation to write, returns the measures as floats.
+    def stepper(self) -> Callable[[npt.NDArray[np.float32], npt.NDArray[np.float32]], list[float]]:
+        """A quick `step` for a fleet of one without autoreset, valid until the next `configure`.
 
-        Args:
-            actions: Array of shape (1, 3) from which every step reads its action.
+        The function takes an action of shape (3,) and the observation to write, of shape (20,), both contiguous
+        float32, and returns the measures in the order of `MEASURE_NAMES`.
         """
-        out = np.empty((MEASURES, 1))
-        arguments = (self._state, self._table, self._splines, actions)
-        measures = out[:, 0]
-        unused = self._unused
+        out = np.empty(MEASURES)
+        state, table, splines = self._state, self._table, self._splines
 
-        def step(observation: npt.NDArray[np.float32]) -> list[float]:
-            status = _step(*arguments, observation, out, unused, 0, 1)
-            if status:
-                self._refuse(status, actions)
-            values: list[float] = measures.tolist()
-            return values
+        def step(action: npt.NDArray[np.float32], observation: npt.NDArray[np.float32]) -> list[float]:
+            if _step_one(state, table, splines, action, observation, out):
+                self._refuse(_HAS_ENDED if np.isfinite(action).all() else _NOT_FINITE, action.reshape(1, 3))
+            return out.tolist()  # type: ignore[no-any-return]
 
         return step
 
@@ -784,7 +812,7 @@ class Fleet:
         share = -(-self._blocks // self.threads) * LANES
         starts = range(0, self.size, share)
         jobs = [self._pool.submit(_step, *arguments, start, min(start + share, self.size)) for start in starts]
-        return max(job.result() for job in jobs)
+        return sum(job.result() for job in jobs)
 
     def _refuse(self, status: int, actions: npt.NDArray[np.float32]) -> None:
         if status == _NOT_FINITE:

@@ -34,7 +34,7 @@ _MODES = {
     AutoresetMode.SAME_STEP: Autoreset.SAME_STEP,
     AutoresetMode.DISABLED: Autoreset.DISABLED,
 }
-_NAMES = tuple((name, f"_{name}") for name in INFO_NAMES)
+_IN_CONE = MEASURE_NAMES.index("in_cone")
 
 
 class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
@@ -90,7 +90,10 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
         self.single_observation_space = observation_space()
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._same_step = mode is AutoresetMode.SAME_STEP
         self._all = np.ones(self.num_envs, dtype=bool)
+        self._all.flags.writeable = False
+        self._masks: dict[str, Any] = {f"_{name}": self._all for name in INFO_NAMES}
         self._finals: Observations | None = None
         self._current = np.zeros((self.num_envs, SIZE), dtype=np.float32)
         self._begun = False
@@ -123,7 +126,11 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
         self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"))
         self._current = observations
         self._begun = True
-        return observations.copy(), self._infos(self._fleet.measures(), mask)
+        measures = self._fleet.measures()
+        infos = self._infos(measures, measures[_IN_CONE] > 0.0)
+        if not mask.all():
+            infos |= {f"_{name}": mask.copy() for name in INFO_NAMES}
+        return observations.copy(), infos
 
     def _reset_mask(self, mask: Any) -> npt.NDArray[np.bool_]:
         if mask is None:
@@ -177,34 +184,36 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
             raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {ACTION_SIZE}).")
         observations = np.empty((self.num_envs, SIZE), dtype=np.float32)
         out = np.empty((MEASURES, self.num_envs))
-        same_step = self._fleet.autoreset is Autoreset.SAME_STEP
-        finals = np.empty_like(observations) if same_step else None
-        self._fleet.step(given, observations, out, finals)
+        flags = np.empty((3, self.num_envs), dtype=np.bool_)
+        finals = np.empty_like(observations) if self._same_step else None
+        ends = self._fleet.step(given, observations, out, flags, finals)
         self._current = observations
-        terminated = out[_TERMINATED] > 0.0
-        truncated = out[_TRUNCATED] > 0.0
+        terminated, truncated, in_cone = flags
+        if not ends:
+            return observations, out[_REWARD], terminated, truncated, self._infos(out, in_cone)
         ended = terminated | truncated
-        if not ended.any():
-            return observations, out[_REWARD], terminated, truncated, self._infos(out, self._all)
-        final = self._infos(out, ended if same_step else self._all)
-        final["is_success"] = (out[_SUCCESS] > 0.0) & ended
-        final["_is_success"] = ended
+        infos = self._infos(out, in_cone)
+        infos["is_success"] = (out[_SUCCESS] > 0.0) & ended
+        infos["_is_success"] = ended
         if finals is None:
-            return observations, out[_REWARD], terminated, truncated, final
-        infos = self._infos(self._fleet.measures(), self._all)
+            return observations, out[_REWARD], terminated, truncated, infos
+        for name in INFO_NAMES:
+            infos[f"_{name}"] = ended
+        final = infos
+        measures = self._fleet.measures()
+        infos = self._infos(measures, measures[_IN_CONE] > 0.0)
         infos["final_obs"] = _object_array(finals, ended)
         infos["_final_obs"] = ended.copy()
         infos["final_info"] = final
         infos["_final_info"] = ended.copy()
         return observations, out[_REWARD], terminated, truncated, infos
 
-    @staticmethod
-    def _infos(measures: Array, mask: npt.NDArray[np.bool_]) -> dict[str, Any]:
-        infos: dict[str, Any] = {}
-        for (name, mask_name), values in zip(_NAMES, measures, strict=False):
+    def _infos(self, measures: Array, in_cone: npt.NDArray[np.bool_]) -> dict[str, Any]:
+        """The info of all environments: an array and a mask that is True everywhere for each name."""
+        infos = self._masks.copy()
+        for name, values in zip(INFO_NAMES, measures[: len(INFO_NAMES)]):  # noqa: B905 - called at every step
             infos[name] = values
-            infos[mask_name] = mask
-        infos["in_cone"] = infos["in_cone"] > 0.0
+        infos["in_cone"] = in_cone
         return infos
 
     def state(self) -> dict[str, Array]:
