@@ -16,15 +16,14 @@ from uwoc_gym.spaces import (
     action_space,
     build_scenario,
     check_options,
+    check_render_mode,
     episode_scenario,
     observation_space,
 )
 
 Observation = npt.NDArray[np.float32]
 
-_REWARD, _TERMINATED, _TRUNCATED, _SUCCESS = (
-    MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated", "is_success")
-)
+_REWARD, _TERMINATED, _TRUNCATED = (MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated"))
 _FLOAT32 = np.dtype(np.float32)
 _SHAPE = (ACTION_SIZE,)
 _STRIDES = (_FLOAT32.itemsize,)
@@ -104,12 +103,13 @@ class TrackingEnv(gym.Env[Observation, Observation]):
     ## Episode End
 
     Terminated when the horizontal distance to the ship exceeds `episode.lost_distance_m` (20 m): the link is lost
-    beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`. At the end `info["is_success"]`
-    says whether the AUV was inside the cone throughout the last third of the episode.
+    beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`; `max_episode_steps` can shorten
+    that. At the end `info["is_success"]` says whether the AUV was inside the cone throughout the last third of the
+    episode, and before, whether it has been so for the last third of the time flown.
 
     `info` holds at every step `bit_rate_bps` at the target bit error rate, `snr` and `ber` at the threshold rate,
-    `range_m`, `pointing_error_rad`, `in_cone`, `cost` (1 outside the cone, else 0) and the reward terms, all of the
-    true state.
+    `range_m`, `pointing_error_rad`, `in_cone`, `cost` (1 outside the cone, else 0), the reward terms and `is_success`,
+    all of the true state.
 
     ## Arguments
 
@@ -135,8 +135,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         render_mode: str | None = None,
         scenario_name: str = "Nominal",
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r} is not allowed; this environment has none to offer.")
+        check_render_mode(render_mode)
         self.render_mode = None
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
         self.action_space = action_space()
@@ -168,11 +167,8 @@ class TrackingEnv(gym.Env[Observation, Observation]):
             _ = self.np_random
             self._fleet.seed(_ONE, [self.np_random_seed])
             self._has_seed = True
-        # `gym.make(..., max_episode_steps=n)` wraps a time limit around this environment, which must know of it to
-        # tell success at the episode's end.
-        limit = self.spec.max_episode_steps if self.spec is not None else None
-        if wanted is not self._fleet.scenario or (limit or wanted.episode.steps) != self._fleet.max_episode_steps:
-            self._fleet.configure(wanted, limit)
+        if wanted is not self._fleet.scenario:
+            self._fleet.configure(wanted)
             self._step_fleet = self._fleet.stepper()
         observation = np.empty((1, SIZE), dtype=np.float32)
         self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"))
@@ -201,11 +197,9 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         values = self._step_fleet(action, observation)
         terminated = values[_TERMINATED] > 0.0
         truncated = values[_TRUNCATED] > 0.0
-        info = _info(values)
         if terminated or truncated:
-            info["is_success"] = values[_SUCCESS] > 0.0
             self._running = False
-        return observation, values[_REWARD], terminated, truncated, info
+        return observation, values[_REWARD], terminated, truncated, _info(values)
 
     @staticmethod
     def _as_action(action: Any) -> Observation:
@@ -247,7 +241,9 @@ class TrackingEnv(gym.Env[Observation, Observation]):
 
 def _info(values: list[float]) -> dict[str, Any]:
     """The info of one step from the fleet's measures; a dict display, since this runs at every step."""
-    rate, snr, ber, range_m, pointing, in_cone, cost, term_rate, term_cone, position, heading, effort = values[:12]
+    rate, snr, ber, range_m, pointing, in_cone, cost, term_rate, term_cone, position, heading, effort, success = values[
+        :13
+    ]
     return {
         "bit_rate_bps": rate,
         "snr": snr,
@@ -261,4 +257,5 @@ def _info(values: list[float]) -> dict[str, Any]:
         "reward_position": position,
         "reward_heading": heading,
         "reward_effort": effort,
+        "is_success": success > 0.0,
     }

@@ -566,6 +566,7 @@ def _step(s, table, splines, actions, observations, out, flags, finals, first, l
             flags[0, start + j] = block[TERMINATED * STRIDE + j] > 0.0
             flags[1, start + j] = block[TRUNCATED * STRIDE + j] > 0.0
             flags[2, start + j] = block[IN_CONE * STRIDE + j] > 0.0
+            flags[3, start + j] = block[SUCCESS * STRIDE + j] > 0.0
             ends += 1 if block[ENDED * STRIDE + j] > 0.0 else 0
         if autoreset == 2:
             for j in range(lanes):
@@ -766,7 +767,7 @@ class Fleet:
             actions: Shape (N, 3), float32; clipped to [-1, 1] and scaled by the actuators' limits.
             observations: Written to, shape (N, 20), float32.
             out: Written to, shape (16, N): the measures before any autoreset, in the order of `MEASURE_NAMES`.
-            flags: Written to, shape (3, N): terminated, truncated, in the cone, before any autoreset.
+            flags: Written to, shape (4, N): terminated, truncated, in the cone, success, before any autoreset.
             finals: Written to where a simulation ended and began anew in this step, shape (N, 20), float32.
 
         Returns:
@@ -878,7 +879,7 @@ class Fleet:
 MEASURE_NAMES = (
     "bit_rate_bps", "snr", "ber", "range_m", "pointing_error_rad", "in_cone", "cost",
     "reward_bit_rate", "reward_in_cone", "reward_position", "reward_heading", "reward_effort",
-    "reward", "terminated", "truncated", "is_success",
+    "is_success", "reward", "terminated", "truncated",
 )  # fmt: skip
 """Names of the measures that a step writes out, in their order."""
 

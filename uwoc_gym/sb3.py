@@ -46,17 +46,19 @@ class TrackingVecEnv(VecEnv):
                 raise ValueError(f"info_keys has {key!r}, which is not known; allowed are {', '.join(INFO_NAMES)}.")
         if scenario is not None:
             env_kwargs["scenario"] = scenario
-        made = gym.make_vec(
-            env_id,
-            num_envs=n_envs,
-            vectorization_mode="vector_entry_point",
-            autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
-            **env_kwargs,
-        )
-        if not isinstance(made.unwrapped, TrackingVectorEnv):
-            raise ValueError(
-                f"env_id = {env_id!r} is not allowed; it must be an ID whose vector env is TrackingVectorEnv."
+        refusal = f"env_id = {env_id!r} is not allowed; it must be an ID whose vector env is TrackingVectorEnv."
+        try:
+            made = gym.make_vec(
+                env_id,
+                num_envs=n_envs,
+                vectorization_mode="vector_entry_point",
+                autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
+                **env_kwargs,
             )
+        except (TypeError, gym.error.Error) as error:
+            raise ValueError(f"{refusal} ({error})") from error
+        if not isinstance(made.unwrapped, TrackingVectorEnv):
+            raise ValueError(refusal)
         self.vector_env = made.unwrapped
         self._info_keys = tuple(info_keys)
         self._actions: Any = None

@@ -26,6 +26,7 @@ INFO_NAMES = (
     "reward_position",
     "reward_heading",
     "reward_effort",
+    "is_success",
 )
 """Keys of `info` at every step, in the order of the fleet's measures."""
 
@@ -74,6 +75,16 @@ def episode_scenario(base: Scenario, overrides: Any) -> Scenario:
             "options['scenario'] must not change 'observation': its scales are fixed when the environment is made."
         )
     return changed
+
+
+def check_render_mode(render_mode: str | None) -> None:
+    """Accept the modes that wrappers and libraries ask for by default, though there is nothing to render.
+
+    Raises:
+        ValueError: The mode isn't one of Gymnasium's.
+    """
+    if render_mode not in (None, "rgb_array", "human"):
+        raise ValueError(f"render_mode = {render_mode!r} is not allowed; it must be None.")
 
 
 def check_options(options: Mapping[str, Any] | None, allowed: tuple[str, ...]) -> Mapping[str, Any]:

@@ -19,6 +19,7 @@ from uwoc_gym.spaces import (
     action_space,
     build_scenario,
     check_options,
+    check_render_mode,
     episode_scenario,
     observation_space,
 )
@@ -26,15 +27,12 @@ from uwoc_gym.spaces import (
 Observations = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
-_REWARD, _TERMINATED, _TRUNCATED, _SUCCESS = (
-    MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated", "is_success")
-)
+_REWARD, _IN_CONE, _SUCCESS = (MEASURE_NAMES.index(name) for name in ("reward", "in_cone", "is_success"))
 _MODES = {
     AutoresetMode.NEXT_STEP: Autoreset.NEXT_STEP,
     AutoresetMode.SAME_STEP: Autoreset.SAME_STEP,
     AutoresetMode.DISABLED: Autoreset.DISABLED,
 }
-_IN_CONE = MEASURE_NAMES.index("in_cone")
 
 
 class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
@@ -73,8 +71,7 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
         render_mode: str | None = None,
         scenario_name: str = "Nominal",
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r} is not allowed; this environment has none to offer.")
+        check_render_mode(render_mode)
         self.render_mode = None
         mode = AutoresetMode(autoreset_mode)
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
@@ -126,8 +123,7 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
         self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"))
         self._current = observations
         self._begun = True
-        measures = self._fleet.measures()
-        infos = self._infos(measures, measures[_IN_CONE] > 0.0)
+        infos = self._present_infos()
         if not mask.all():
             infos |= {f"_{name}": mask.copy() for name in INFO_NAMES}
         return observations.copy(), infos
@@ -184,36 +180,33 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
             raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {ACTION_SIZE}).")
         observations = np.empty((self.num_envs, SIZE), dtype=np.float32)
         out = np.empty((MEASURES, self.num_envs))
-        flags = np.empty((3, self.num_envs), dtype=np.bool_)
+        flags = np.empty((4, self.num_envs), dtype=np.bool_)
         finals = np.empty_like(observations) if self._same_step else None
         ends = self._fleet.step(given, observations, out, flags, finals)
         self._current = observations
-        terminated, truncated, in_cone = flags
-        if not ends:
-            return observations, out[_REWARD], terminated, truncated, self._infos(out, in_cone)
+        terminated, truncated, in_cone, success = flags
+        if not ends or finals is None:
+            return observations, out[_REWARD], terminated, truncated, self._infos(out, in_cone, success)
         ended = terminated | truncated
-        infos = self._infos(out, in_cone)
-        infos["is_success"] = (out[_SUCCESS] > 0.0) & ended
-        infos["_is_success"] = ended
-        if finals is None:
-            return observations, out[_REWARD], terminated, truncated, infos
-        for name in INFO_NAMES:
-            infos[f"_{name}"] = ended
-        final = infos
-        measures = self._fleet.measures()
-        infos = self._infos(measures, measures[_IN_CONE] > 0.0)
+        final = self._infos(out, in_cone, success) | {f"_{name}": ended for name in INFO_NAMES}
+        infos = self._present_infos()
         infos["final_obs"] = _object_array(finals, ended)
         infos["_final_obs"] = ended.copy()
         infos["final_info"] = final
         infos["_final_info"] = ended.copy()
         return observations, out[_REWARD], terminated, truncated, infos
 
-    def _infos(self, measures: Array, in_cone: npt.NDArray[np.bool_]) -> dict[str, Any]:
+    def _present_infos(self) -> dict[str, Any]:
+        measures = self._fleet.measures()
+        return self._infos(measures, measures[_IN_CONE] > 0.0, measures[_SUCCESS] > 0.0)
+
+    def _infos(self, measures: Array, in_cone: npt.NDArray[np.bool_], success: npt.NDArray[np.bool_]) -> dict[str, Any]:
         """The info of all environments: an array and a mask that is True everywhere for each name."""
         infos = self._masks.copy()
         for name, values in zip(INFO_NAMES, measures[: len(INFO_NAMES)]):  # noqa: B905 - called at every step
             infos[name] = values
         infos["in_cone"] = in_cone
+        infos["is_success"] = success
         return infos
 
     def state(self) -> dict[str, Array]:

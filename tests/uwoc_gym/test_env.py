@@ -1,0 +1,260 @@
+"""The single environment as users meet it: IDs, spaces, documentation, episodes, errors."""
+
+import copy
+import pickle
+import re
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import FrameStackObservation, NormalizeObservation, RecordEpisodeStatistics
+
+import uwoc_gym
+from uwoc_gym import ENV_IDS, SettingError, TrackingEnv
+from uwoc_gym.observation import ENTRIES
+from uwoc_gym.spaces import ACTION_NAMES, INFO_NAMES, action_space, observation_space
+
+ZERO = np.zeros(3, dtype=np.float32)
+
+
+def table(heading: str) -> list[list[str]]:
+    """Rows of the table under a heading of the class docstring."""
+    section = TrackingEnv.__doc__.split(f"## {heading}")[1].split("##")[0]
+    rows = [line.strip().strip("|").split("|") for line in section.splitlines() if line.strip().startswith("|")]
+    return [[cell.strip() for cell in row] for row in rows[2:]]
+
+
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_passes_gymnasiums_checker(env_id):
+    check_env(gym.make(env_id).unwrapped)
+
+
+def test_is_made_from_another_project_without_an_import():
+    code = (
+        "import gymnasium as gym, sys; env = gym.make('uwoc_gym:uwoc/Nominal-v0'); env.reset(seed=0)\n"
+        "sys.exit(', '.join({'torch', 'stable_baselines3', 'matplotlib', 'pygame'} & set(sys.modules)) or 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
+
+
+def test_registering_again_changes_nothing():
+    before = dict(gym.registry)
+    uwoc_gym.register_envs()
+    assert dict(gym.registry) == before
+
+
+def test_observation_table_matches_the_space():
+    space = observation_space()
+    rows = table("Observation Space")
+    assert len(rows) == len(ENTRIES) == space.shape[0]
+    scales = uwoc_gym.observation.scales(uwoc_gym.ObservationSettings())
+    for i, (number, name, low, high, unit, scale) in enumerate(rows):
+        assert (int(number), name, unit) == (i, ENTRIES[i].name, ENTRIES[i].unit)
+        assert (float(low), float(high), float(scale)) == (space.low[i], space.high[i], scales[i])
+
+
+def test_action_table_matches_the_space_and_the_limits():
+    space = action_space()
+    limits = uwoc_gym.Vehicle().force_limits
+    for i, (number, name, low, high, unit) in enumerate(table("Action Space")):
+        assert (int(number), name, float(low), float(high)) == (i, ACTION_NAMES[i], space.low[i], space.high[i])
+        assert float(unit.split()[0]) == limits[i]
+
+
+def test_reward_table_matches_the_weights():
+    weights = uwoc_gym.RewardSettings()
+    rows = table("Rewards")
+    assert [row[0] for row in rows] == list(uwoc_gym.reward.TERMS)
+    assert all(float(row[1]) == getattr(weights, row[0]) for row in rows)
+
+
+def test_starts_as_the_paper_does():
+    env = gym.make("uwoc/Nominal-v0")
+    _, info = env.reset(seed=0)
+    state = env.unwrapped.state()
+    np.testing.assert_allclose(state["pose"], [5, 5, 0])
+    np.testing.assert_allclose(state["ship_pose"], [0, 10, 0], atol=1e-12)
+    assert info["range_m"] == pytest.approx(8.03, abs=0.01)
+    assert info["bit_rate_bps"] == 0.0
+    assert info["cost"] == 1.0
+
+
+def test_info_has_every_term_and_they_sum_to_the_reward():
+    env = gym.make("uwoc/Random-v0")
+    env.reset(seed=1)
+    for _ in range(20):
+        _, reward, _, _, info = env.step(env.action_space.sample())
+        assert set(info) == set(INFO_NAMES)
+        assert reward == pytest.approx(sum(info[f"reward_{term}"] for term in uwoc_gym.reward.TERMS), abs=1e-15)
+        assert isinstance(reward, float)
+        assert isinstance(info["in_cone"], bool)
+
+
+def test_the_same_seed_gives_the_same_episodes():
+    def fly(seed):
+        env = gym.make("uwoc/Random-v0", max_episode_steps=20)
+        rng = np.random.default_rng(0)
+        seen = [env.reset(seed=seed)[0]]
+        for _ in range(50):
+            obs, _, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 3).astype(np.float32))
+            seen.append(obs)
+            if terminated or truncated:
+                seen.append(env.reset()[0])
+        return np.array(seen)
+
+    np.testing.assert_array_equal(fly(3), fly(3))
+    assert not np.array_equal(fly(3), fly(4))
+
+
+def test_episodes_of_one_seed_differ_but_do_not_depend_on_how_long_the_last_ran():
+    env = gym.make("uwoc/Random-v0")
+    env.reset(seed=5)
+    first = env.unwrapped.parameters()
+    second = env.reset()[0]
+    assert env.unwrapped.parameters() != first
+    env.reset(seed=5)
+    for _ in range(7):
+        env.step(ZERO)
+    np.testing.assert_array_equal(env.reset()[0], second)
+
+
+def test_without_a_seed_episodes_are_random():
+    starts = [gym.make("uwoc/Random-v0").reset()[0] for _ in range(2)]
+    assert not np.array_equal(*starts)
+
+
+@pytest.mark.parametrize(("env_id", "steps"), [("uwoc/Nominal-v0", 3000), ("uwoc/Random-v0", 1200)])
+def test_is_truncated_after_its_duration(env_id, steps):
+    env = gym.make(env_id, scenario={"episode": {"lost_distance_m": 1e6}})
+    env.reset(seed=0)
+    for step in range(1, steps + 1):
+        *_, terminated, truncated, info = env.step(ZERO)
+        assert not terminated
+        assert truncated == (step == steps)
+    assert info["is_success"] is False
+
+
+def test_periods_are_arguments():
+    env = gym.make("uwoc/Nominal-v0", control_period_s=0.1, integration_step_s=0.02)
+    env.reset(seed=0)
+    env.step(ZERO)
+    assert env.unwrapped.state()["time_s"] == pytest.approx(0.1)
+    assert env.unwrapped.metadata["render_fps"] == 10
+
+
+def test_a_time_limit_from_gym_make_still_reports_success():
+    env = gym.make("uwoc/Nominal-v0", max_episode_steps=3)
+    ship = uwoc_gym.PaperPath().at(0.0).pose[0]
+    env.reset(seed=0, options={"pose": ship})
+    *_, truncated, info = [env.step(ZERO) for _ in range(3)][-1]
+    assert truncated
+    assert info["is_success"] is True
+
+
+def test_termination_when_the_link_is_lost():
+    env = gym.make("uwoc/Nominal-v0")
+    env.reset(seed=0, options={"pose": (0.0, -9.5, -1.57), "velocity": (3.0, 0.0, 0.0)})
+    terminated = False
+    while not terminated:
+        *_, terminated, truncated, info = env.step(np.array([1, 0, 0], dtype=np.float32))
+        assert not truncated
+    assert info["is_success"] is False
+    assert np.hypot(*(env.unwrapped.state()["pose"] - env.unwrapped.state()["ship_pose"])[:2]) > 20.0
+
+
+def test_reset_options_hold_for_one_episode():
+    env = gym.make("uwoc/Nominal-v0")
+    options = {"pose": (1, 2, 0.5), "velocity": (0.1, 0.2, 0.3), "scenario": {"vehicle": {"mass_scale": 1.3}}}
+    env.reset(seed=0, options=options)
+    state = env.unwrapped.state()
+    np.testing.assert_array_equal(state["pose"], options["pose"])
+    np.testing.assert_array_equal(state["velocity"], options["velocity"])
+    assert env.unwrapped.parameters()["vehicle.mass_scale"] == 1.3
+    env.reset()
+    assert env.unwrapped.parameters()["vehicle.mass_scale"] == 1.0
+
+
+def test_large_actions_are_clipped():
+    states = []
+    for action in ([1, -1, 1], [9, -50, 1e30]):
+        env = gym.make("uwoc/Nominal-v0")
+        env.reset(seed=0)
+        env.step(np.array(action, dtype=np.float32))
+        states.append(env.unwrapped.state())
+    np.testing.assert_array_equal(states[0]["pose"], states[1]["pose"])
+    np.testing.assert_array_equal(states[1]["force"], [2000, -2000, 500])
+
+
+@pytest.mark.parametrize("bad", [[np.nan, 0, 0], [0, np.inf, 0], [0, 0], np.zeros((1, 3)), "up", None])
+def test_refuses_bad_actions_and_moves_nothing(bad):
+    env = TrackingEnv()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action"):
+        env.step(bad if bad is None or isinstance(bad, str) else np.array(bad, dtype=np.float32))
+    assert env.state()["time_s"] == 0.0
+
+
+def test_refuses_to_step_before_reset_and_after_the_end():
+    env = TrackingEnv(scenario={"episode": {"duration_s": 0.05}})
+    with pytest.raises(gym.error.ResetNeeded, match="reset"):
+        env.step(ZERO)
+    env.reset(seed=0)
+    env.step(ZERO)
+    with pytest.raises(gym.error.ResetNeeded, match="ended"):
+        env.step(ZERO)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"position": (0, 0, 0)}, "options['position'] is not known; allowed are pose, velocity, scenario"),
+        ({"pose": (0, 0)}, "options['pose'] = (0, 0) is not allowed; it must be finite and of shape (3,)"),
+        ({"velocity": (0, 0, np.nan)}, "options['velocity']"),
+        ({"scenario": {"vehicle": {"mas_scale": 1}}}, "did you mean 'mass_scale'?"),
+        ({"scenario": {"observation": {"position_scale_m": 9}}}, "must not change 'observation'"),
+    ],
+)
+def test_refuses_bad_options(options, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        TrackingEnv().reset(seed=0, options=options)
+
+
+def test_refuses_bad_arguments():
+    with pytest.raises(SettingError, match="whole multiple of integration_step_s"):
+        gym.make("uwoc/Nominal-v0", control_period_s=0.012)
+    with pytest.raises(SettingError, match="did you mean 'Nominal'"):
+        gym.make("uwoc/Nominal-v0", scenario="Nomina")
+    with pytest.raises(ValueError, match="render_mode = 'hologram'"):
+        TrackingEnv(render_mode="hologram")
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_copies_go_on_identically(duplicate):
+    env = TrackingEnv(scenario="Random")
+    env.reset(seed=2)
+    env.step(ZERO)
+    twin = duplicate(env)
+    for _ in range(5):
+        np.testing.assert_array_equal(env.step(ZERO)[0], twin.step(ZERO)[0])
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+def test_spec_makes_the_same_environment():
+    env = gym.make("uwoc/Nominal-v0", scenario={"vehicle": {"mass_scale": 1.2}})
+    again = gym.make(env.spec)
+    assert again.unwrapped.scenario == env.unwrapped.scenario
+
+
+def test_standard_wrappers():
+    env = NormalizeObservation(
+        FrameStackObservation(RecordEpisodeStatistics(gym.make("uwoc/Random-v0", max_episode_steps=5)), 4)
+    )
+    obs, _ = env.reset(seed=0)
+    assert obs.shape == (4, 20)
+    for _ in range(5):
+        *_, truncated, info = env.step(ZERO)
+    assert truncated
+    assert info["episode"]["l"] == 5

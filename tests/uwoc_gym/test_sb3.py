@@ -1,0 +1,72 @@
+"""The Stable-Baselines3 environment."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
+
+from uwoc_gym import ENV_IDS
+from uwoc_gym.sb3 import TrackingVecEnv
+from uwoc_gym.spaces import INFO_NAMES
+
+STEPS = 17
+
+
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_passes_stable_baselines3s_checker(env_id):
+    check_env(gym.make(env_id))
+    check_env(gym.make(env_id).unwrapped)
+
+
+def test_equals_stable_baselines3s_own_vector_environment():
+    n, seed = 3, 7
+    ours = TrackingVecEnv("uwoc/Random-v0", n, seed, info_keys=INFO_NAMES, max_episode_steps=STEPS)
+    theirs = make_vec_env("uwoc/Random-v0", n, seed=seed, env_kwargs={"max_episode_steps": STEPS, "render_mode": None})
+    np.testing.assert_array_equal(ours.reset(), theirs.reset())
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        action = rng.uniform(-1, 1, (n, 3)).astype(np.float32)
+        got, want = ours.step(action), theirs.step(action)
+        np.testing.assert_array_equal(got[0], want[0])
+        np.testing.assert_array_equal(got[1], want[1])
+        np.testing.assert_array_equal(got[2], want[2])
+        for info, expected in zip(got[3], want[3], strict=True):
+            assert {name: info[name] for name in INFO_NAMES} == {name: expected[name] for name in INFO_NAMES}
+            assert info.get("TimeLimit.truncated", False) == expected["TimeLimit.truncated"]
+            assert ("terminal_observation" in info) == ("terminal_observation" in expected)
+            if "terminal_observation" in info:
+                np.testing.assert_array_equal(info["terminal_observation"], expected["terminal_observation"])
+        assert ours.reset_infos[0].keys() == theirs.reset_infos[0].keys() - {"episode"}
+
+
+def test_methods_that_stable_baselines3_calls():
+    env = TrackingVecEnv("uwoc/Nominal-v0", 2, seed=0)
+    env.reset()
+    states = env.env_method("state", indices=[1])
+    assert states[0]["pose"].shape == (3,)
+    assert env.get_attr("render_mode") == [None, None]
+    assert env.env_is_wrapped(gym.Wrapper) == [False, False]
+    env.set_attr("note", 1)
+    assert env.get_attr("note") == [1, 1]
+    with pytest.raises(ValueError, match="leave out indices"):
+        env.set_attr("note", 2, indices=0)
+    env.close()
+
+
+def test_refuses_other_environments_and_unknown_info():
+    with pytest.raises(ValueError, match="env_id = 'CartPole-v1' is not allowed"):
+        TrackingVecEnv("CartPole-v1", 1)
+    with pytest.raises(ValueError, match="info_keys has 'speed'"):
+        TrackingVecEnv("uwoc/Nominal-v0", 1, info_keys=("speed",))
+
+
+def test_wrappers_and_a_short_training():
+    env = VecNormalize(VecFrameStack(TrackingVecEnv("uwoc/Random-v0", 4, seed=0, max_episode_steps=STEPS), 2))
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, seed=0, device="cpu")
+    model.learn(256)
+    mean, _ = evaluate_policy(model, env, n_eval_episodes=4, warn=False)
+    assert np.isfinite(mean)
