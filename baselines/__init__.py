@@ -1,0 +1,8 @@
+"""Scripted baseline policies: the paper's PD and NLPD controllers."""
+
+from uwoc_gym.baselines.controller import Controller
+from uwoc_gym.baselines.gains import GAINS, Gains, gains
+from uwoc_gym.baselines.nlpd import NLPDController
+from uwoc_gym.baselines.pd import PDController
+
+__all__ = ["GAINS", "Controller", "Gains", "NLPDController", "PDController", "gains"]

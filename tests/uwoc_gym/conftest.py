@@ -1,0 +1,58 @@
+"""A fleet that is seeded, reset and stepped in one line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uwoc_gym import Scenario
+from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
+
+
+@dataclass
+class Flight:
+    """A fleet with the arrays that its steps write to."""
+
+    fleet: Fleet
+    observations: np.ndarray
+    out: np.ndarray
+    finals: np.ndarray
+
+    def step(self, action: Any = 0.0, count: int = 1) -> dict[str, np.ndarray]:
+        actions = np.ascontiguousarray(np.broadcast_to(np.asarray(action, dtype=np.float32), (self.fleet.size, 3)))
+        for _ in range(count):
+            self.fleet.step(actions, self.observations, self.out, self.finals)
+        return self.fleet.state()
+
+    def measures(self) -> dict[str, np.ndarray]:
+        return dict(zip(MEASURE_NAMES, self.fleet.measures(), strict=True))
+
+
+@pytest.fixture(scope="session")
+def fly():
+    """Make a `Flight` that has been reset; lane i has seed ``seed + i`` unless ``seeds`` says otherwise."""
+
+    def make(
+        scenario: Scenario,
+        size: int = 1,
+        seed: int = 0,
+        *,
+        seeds: list[int] | None = None,
+        pose: Any = None,
+        velocity: Any = None,
+        autoreset: Autoreset = Autoreset.DISABLED,
+        **options: Any,
+    ) -> Flight:
+        fleet = Fleet(scenario, size, autoreset, **options)
+        fleet.seed(np.arange(size), seeds or list(range(seed, seed + size)))
+        shape = (size, 20)
+        flight = Flight(
+            fleet, np.zeros(shape, np.float32), np.zeros((len(MEASURE_NAMES), size)), np.zeros(shape, np.float32)
+        )
+        fleet.reset(flight.observations, pose=pose, velocity=velocity)
+        return flight
+
+    return make

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import numba
+import numpy as np
+import pytest
+from scipy import stats
+
+from uwoc_gym import rng
+
+KEY = (123456789.0, 4000000000.0)
+COUNT = 40_000
+
+
+@numba.njit
+def words(key0, key1, c0, c1, c2, c3):
+    return rng.philox(
+        np.uint64(key0), np.uint64(key1), np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
+    )
+
+
+@numba.njit
+def draws(key0, key1, episode, stream, count, block):
+    out = np.empty((4, count))
+    for step in range(count):
+        out[0, step], out[1, step], out[2, step], out[3, step] = rng.draw(
+            key0, key1, episode, stream, float(step), block
+        )
+    return out
+
+
+@numba.njit
+def normals(uniform):
+    out = np.empty((4, uniform.shape[1]))
+    for i in range(uniform.shape[1]):
+        out[0, i], out[1, i] = rng.normal_pair(uniform[0, i], uniform[1, i])
+        out[2, i], out[3, i] = rng.normal_pair(uniform[2, i], uniform[3, i])
+    return out
+
+
+ALL = 0xFFFFFFFF
+
+
+@pytest.mark.parametrize(
+    ("counter", "key", "expected"),
+    [
+        ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+        ((ALL, ALL, ALL, ALL), (ALL, ALL), (0x408F276D, 0x41C83B0E, 0xA20BDC7C, 0x6D5451FD)),
+        (
+            (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+            (0xA4093822, 0x299F31D0),
+            (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+        ),
+    ],
+)
+def test_known_answers_of_random123(counter, key, expected):
+    assert tuple(int(word) for word in words(*key, *counter)) == expected
+
+
+def test_uniforms_are_scaled_words():
+    # Counter: step, episode, stream, block.
+    expected = [(int(word) + 0.5) / 2.0**32 for word in words(5, 7, 0, 3, 4, 2)]
+    np.testing.assert_array_equal(draws(5.0, 7.0, 3.0, 4, 1, 2)[:, 0], expected)
+
+
+def test_extreme_words_give_uniforms_inside_the_interval():
+    assert 0.0 < 0.5 / 2.0**32
+    uniform = draws(*KEY, 0.0, 1, COUNT, 0)
+    assert uniform.min() > 0.0
+    assert uniform.max() < 1.0
+
+
+@pytest.mark.parametrize("column", range(4))
+def test_uniforms_are_uniform(column):
+    assert stats.kstest(draws(*KEY, 0.0, 1, COUNT, 0)[column], "uniform").pvalue > 0.01
+
+
+@pytest.mark.parametrize("column", range(4))
+def test_normals_are_normal(column):
+    assert stats.kstest(normals(draws(*KEY, 0.0, 2, COUNT, 0))[column], "norm").pvalue > 0.01
+
+
+def test_normal_moments():
+    z = normals(draws(*KEY, 1.0, 3, COUNT, 0)).ravel()
+    error = z.size**-0.5
+    assert abs(z.mean()) < 4 * error
+    assert abs(z.var() - 1.0) < 4 * error * 2**0.5
+    assert abs(stats.skew(z)) < 4 * error * 6**0.5
+    assert abs(stats.kurtosis(z)) < 4 * error * 24**0.5
+
+
+def test_normal_pair_is_box_and_muller():
+    radius, angle = (-2.0 * np.log(0.3)) ** 0.5, 2.0 * np.pi * 0.8
+    got = normals(np.array([[0.3], [0.8], [0.3], [0.8]]))[:2, 0]
+    np.testing.assert_allclose(got, [radius * np.cos(angle), radius * np.sin(angle)], rtol=1e-14)
+
+
+BASE = (*KEY, 2.0, 3, 1)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        (KEY[0] + 1.0, KEY[1], 2.0, 3, 1),
+        (KEY[0], KEY[1] + 1.0, 2.0, 3, 1),
+        (*KEY, 3.0, 3, 1),
+        (*KEY, 2.0, 4, 1),
+        (*KEY, 2.0, 3, 2),
+    ],
+    ids=["key 0", "key 1", "episode", "stream", "block"],
+)
+def test_streams_are_independent(changed):
+    def stream(key0, key1, episode, number, block):
+        return draws(key0, key1, episode, number, COUNT, block)
+
+    together = np.concatenate([stream(*BASE), stream(*changed)])
+    correlation = np.corrcoef(together) - np.eye(8)
+    assert np.abs(correlation).max() < 4.5 * COUNT**-0.5
+    # Neighbouring steps of one stream as well.
+    one = together[4:]
+    assert np.abs(np.corrcoef(one[:, 1:], one[:, :-1])[:4, 4:]).max() < 4.5 * COUNT**-0.5
+
+
+def test_streams_have_their_own_numbers():
+    streams = {rng.STREAM_PARAMETERS, rng.STREAM_SHIP, rng.STREAM_CURRENT, rng.STREAM_SENSORS}
+    assert len(streams) == 4
+
+
+def test_key_from_seed():
+    keys = [rng.key_from_seed(seed) for seed in (0, 1, 2, 2**32, 2**64, 2**70)]
+    assert len(set(keys)) == len(keys)
+    assert rng.key_from_seed(2**70) == keys[-1]
+    for word in np.ravel(keys):
+        assert word == int(word)
+        assert 0 <= word < 2**32
