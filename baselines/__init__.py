@@ -1,4 +1,4 @@
-"""Scripted baseline policies: the paper's PD and NLPD controllers."""
+"""Scripted controllers of the paper, with the ``predict`` of Stable-Baselines3's policies."""
 
 from uwoc_gym.baselines.controller import Controller
 from uwoc_gym.baselines.gains import GAINS, Gains, gains

@@ -1,4 +1,9 @@
-"""The law's interface, shared by PD and NLPD: a policy that knows observations and the nominal vehicle, no more."""
+"""The scripted controllers' law and the interface that they share with learned policies.
+
+    τ = Rᵀ(ϱ) [M(η) η̈_ref + C(ν,η) η̇_ref + D(ν,η) η̇_ref + K_p(·) η̃ + K_v(·) ν̃]        (paper, sec. 3.2)
+
+with the errors η̃ = η_ref − η and ν̃ = η̇_ref − η̇ in the earth frame. A controller sees observations only.
+"""
 
 from __future__ import annotations
 
@@ -6,100 +11,120 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from uwoc_gym.baselines.gains import Gains, gains
 
-from uwoc_gym.observation import unpack
+from uwoc_gym.baselines.gains import Gains
+from uwoc_gym.baselines.gains import gains as named_gains
+from uwoc_gym.observation import SIZE, Measured, unpack
+from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario, as_scenario
 
 Array = npt.NDArray[np.float64]
 
 
-class Controller:
-    """Trajectory tracking by the paper's law (section 3.2), batched over any leading axes of the observation.
+def gain(error: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike, mu: npt.ArrayLike) -> Array:
+    """The law's gain k(e) = a |e|^(mu-1) for |e| >= b, a b^(mu-1) for |e| < b (paper, sec. 3.2).
 
-        τ = Rᵀ(ϱ) [M(η) η̈_ref + C(ν,η) η̇_ref + D(ν,η) η̇_ref + K_p(η̃) η̃ + K_v(ν̃) ν̃]
-
-    with errors η̃ = η_ref − η and ν̃ = η̇_ref − η̇ in the earth frame and the ship's motion as the reference. The model
-    terms use the nominal vehicle, whatever the true one is.
+    The paper prints ≥ in both branches; the second can only be <.
 
     Args:
-        gain_set: A gain set or its name.
-        scenario: The scenario, or its name, whose nominal vehicle, actuator limits and observation scales apply.
+        error: Errors, shape (..., 3) for x, y and yaw, or any shape that broadcasts with the gains.
+        a: Gain at an error of one unit, > 0.
+        b: Error below which the gain stays constant, > 0, in the error's unit.
+        mu: Exponent, in [0, 1].
+    """
+    size = np.maximum(np.abs(np.asarray(error, dtype=float)), b)
+    result: Array = a * size ** (np.asarray(mu, dtype=float) - 1.0)
+    return result
+
+
+def _turn(vector: Array, cosine: Array, sine: Array) -> Array:
+    """Turn the first two components of (..., 3) by an angle."""
+    x, y = vector[..., 0], vector[..., 1]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, vector[..., 2]], axis=-1)
+
+
+class Controller:
+    """The nonlinear PD law with model feedforward, batched over observations.
+
+    Args:
+        gains: A gain set or the name of one.
+        scenario: The scenario, or the name of one, that gives the vehicle's nominal model, the actuators' limits and
+            the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
 
     Raises:
         SettingError: There is no gain set or scenario of that name.
     """
 
-    def __init__(self, gain_set: str | Gains, scenario: str | Scenario = "Nominal") -> None:
+    def __init__(self, gains: str | Gains, scenario: str | Scenario = "Nominal") -> None:
+        if not isinstance(gains, (str, Gains)):
+            raise SettingError(f"gains = {gains!r} is not allowed; it must be a Gains or the name of a gain set.")
+        self.gains = named_gains(gains) if isinstance(gains, str) else gains
         known = as_scenario(scenario)
-        self.gains = gains(gain_set) if isinstance(gain_set, str) else gain_set
         self.vehicle = known.vehicle.nominal()
-        self._seen = known.observation
-        self._limits = self.vehicle.force_limits
+        self.force_limits = self.vehicle.force_limits
+        self.observation_settings = known.observation
+        self._inertia = self.vehicle.inertia
 
     def force(self, observation: npt.ArrayLike) -> Array:
-        """The body-frame force τ that the law asks for, before any limit.
+        """The force that the law asks for, before the actuators' limits.
 
         Args:
-            observation: Shape (..., 20).
+            observation: Shape (..., 20), as the environments give it.
 
         Returns:
-            Surge force [N], sway force [N] and yaw moment [N m], shape (..., 3).
+            Surge force [N], sway force [N] and yaw moment [N m] in the AUV's body frame, float64 of shape (..., 3).
 
         Raises:
-            ValueError: The observation has another length.
+            ValueError: The observation's last axis isn't 20 long.
         """
-        seen = unpack(observation, self._seen)
+        seen = unpack(observation, self.observation_settings)
         cosine, sine = seen.heading[..., 0], seen.heading[..., 1]
-        position = np.concatenate([_to_earth(seen.relative_position, cosine, sine), seen.yaw_error[..., None]], axis=-1)
-        moving = seen.relative_velocity
-        velocity = np.concatenate([_to_earth(moving[..., :2], cosine, sine), moving[..., 2:]], axis=-1)
+        # The gains belong to the earth's axes, so that errors turn there and the force turns back.
+        offset = np.concatenate([seen.relative_position, seen.yaw_error[..., None]], axis=-1)
+        error = _turn(offset, cosine, sine)
+        drift = _turn(seen.relative_velocity, cosine, sine)
         g = self.gains
-        pull = _gain(position, g.a_p, g.b_p, g.mu_p) * position + _gain(velocity, g.a_v, g.b_v, g.mu_v) * velocity
-        force = np.concatenate([_to_earth(pull[..., :2], cosine, -sine), pull[..., 2:]], axis=-1)
-        if g.feedforward:
-            force += self._feedforward(seen.velocity, moving + seen.velocity, seen.ship_acceleration)
-        return force
+        pull = gain(error, g.a_p, g.b_p, g.mu_p) * error + gain(drift, g.a_v, g.b_v, g.mu_v) * drift
+        tau = _turn(pull, cosine, -sine)
+        return tau + self._feedforward(seen) if g.feedforward else tau
 
-    def _feedforward(self, velocity: Array, reference: Array, acceleration: Array) -> Array:
-        """M η̈_ref + C η̇_ref + D η̇_ref, written in the body frame; there C(ν,η) becomes C(ν) − M r S."""
+    def _feedforward(self, seen: Measured) -> Array:
+        """The model's force along the ship's path: M a − M r S w + C(ν) w + D(ν) w, all in the body frame.
+
+        That is Rᵀ [M(η) η̈_ref + C(ν,η) η̇_ref + D(ν,η) η̇_ref], with the ship's acceleration a and velocity w as seen
+        from the body and S w = (−w₂, w₁, 0). The term in S comes from Rᵀ Ṙ = r S.
+        """
+        velocity = seen.velocity
+        ship = velocity + seen.relative_velocity
         rate = velocity[..., 2]
-        turning = np.stack([-rate * reference[..., 1], rate * reference[..., 0], np.zeros_like(rate)], axis=-1)
-        inertial = self.vehicle.inertia * (acceleration - turning)
-        return inertial + self.vehicle.coriolis_force(velocity, reference) + self.vehicle.damping(velocity) * reference
+        turning = np.stack([-rate * ship[..., 1], rate * ship[..., 0], np.zeros_like(rate)], axis=-1)
+        model = self.vehicle
+        resistance = model.coriolis_force(velocity, ship) + model.damping(velocity) * ship
+        result: Array = self._inertia * (seen.ship_acceleration - turning) + resistance
+        return result
 
     def predict(
         self,
         observation: npt.ArrayLike,
-        state: Any = None,
-        episode_start: Any = None,
+        state: tuple[npt.NDArray[Any], ...] | None = None,
+        episode_start: npt.NDArray[np.bool_] | None = None,
         deterministic: bool = True,
-    ) -> tuple[npt.NDArray[np.float32], Any]:
-        """The action, as Stable-Baselines3 models give it; the law has no memory and no randomness.
+    ) -> tuple[npt.NDArray[np.float32], tuple[npt.NDArray[Any], ...] | None]:
+        """The action for an observation, called as in Stable-Baselines3.
 
         Args:
             observation: Shape (20,) or (N, 20).
-            state: Passed through.
-            episode_start: Ignored.
-            deterministic: Ignored.
+            state: Handed back as it is: the law has no memory.
+            episode_start: Not used.
+            deterministic: Not used: the law has no randomness.
 
         Returns:
-            Actions in [-1, 1] of shape (3,) or (N, 3), float32, and ``state``.
+            The action, float32 in [-1, 1] of shape (3,) or (N, 3), the force over the actuators' limits; and ``state``.
 
         Raises:
-            ValueError: The observation has another length.
+            ValueError: The observation has another shape.
         """
-        share = self.force(observation) / self._limits
-        return np.clip(share, -1.0, 1.0).astype(np.float32), state
-
-
-def _to_earth(vector: Array, cosine: Array, sine: Array) -> Array:
-    """Turn body-frame vectors (..., 2) by the heading; with the sine negated, earth-frame ones back."""
-    x, y = vector[..., 0], vector[..., 1]
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-
-
-def _gain(error: Array, a: tuple[float, ...], b: tuple[float, ...], mu: tuple[float, ...]) -> Array:
-    """k(e) = a |e|^(μ − 1), constant where |e| < b (paper, theorem 1, with the second condition as meant)."""
-    result: Array = np.asarray(a) * np.maximum(np.abs(error), b) ** (np.asarray(mu) - 1.0)
-    return result
+        obs = np.asarray(observation)
+        if obs.ndim not in (1, 2):
+            raise ValueError(f"observation has shape {obs.shape}; it must be ({SIZE},) or (N, {SIZE}).")
+        return np.clip(self.force(obs) / self.force_limits, -1.0, 1.0).astype(np.float32), state

@@ -1,91 +1,106 @@
-"""Gain sets of the PD and NLPD laws by name, each with its source."""
+"""Gain sets of the scripted controllers: by name, each with its source."""
 
 from __future__ import annotations
 
+import math
+import numbers
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from uwoc_gym.parameters import SettingError, closest
 
-Axes = tuple[float, float, float]
-"""One number each for x, y and yaw."""
-
-_ONES: Axes = (1.0, 1.0, 1.0)
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gains:
-    """Gains of the law, per axis of the earth frame.
+    """Gains of the law k(e) = a |e|^(mu-1) for |e| >= b, a b^(mu-1) for |e| < b (paper, sec. 3.2).
 
-    The position gain is k(e) = a |e|^(μ − 1) where |e| ≥ b and a b^(μ − 1) below; the velocity gain likewise.
+    Each number is a triple for the earth frame's x, y and yaw; a single number stands for all three. ``_p`` acts on
+    the pose error, ``_v`` on the velocity error. mu = 1 is the PD, for which b has no effect.
 
-    Args:
-        a_p: Position gains a at an error of 1, above 0 [N/m, N/m, N m/rad].
-        a_v: Velocity gains a at an error of 1, above 0 [N s/m, N s/m, N m s/rad].
-        mu_p: Exponents μ of the position gains, in [0, 1]; 1 makes the gain constant.
-        mu_v: Exponents μ of the velocity gains, in [0, 1].
-        b_p: Errors below which the position gains stay constant, above 0 [m, m, rad].
-        b_v: Errors below which the velocity gains stay constant, above 0 [m/s, m/s, rad/s].
-        feedforward: Whether the law adds the forces that the nominal model needs to follow the ship.
-        source: Where the set comes from.
+    Attributes:
+        a_p: Gain at an error of one unit, > 0 [N/m, N/m, N m/rad].
+        b_p: Error below which the gain stays constant, > 0 [m, m, rad].
+        mu_p: Exponent, in [0, 1].
+        a_v: Gain at an error of one unit, > 0 [N s/m, N s/m, N m s/rad].
+        b_v: Error below which the gain stays constant, > 0 [m/s, m/s, rad/s].
+        mu_v: Exponent, in [0, 1].
+        feedforward: Whether the law adds the model's forces along the ship's path.
+        source: Where the numbers come from.
 
     Raises:
-        SettingError: A number lies outside its range, or there aren't three of it.
+        SettingError: A value isn't allowed.
     """
 
-    a_p: Axes = (300.0, 300.0, 300.0)
-    a_v: Axes = (250.0, 250.0, 250.0)
-    mu_p: Axes = _ONES
-    mu_v: Axes = _ONES
-    b_p: Axes = _ONES
-    b_v: Axes = _ONES
+    a_p: Triple
+    a_v: Triple
+    b_p: Triple = (1.0, 1.0, 1.0)
+    b_v: Triple = (1.0, 1.0, 1.0)
+    mu_p: Triple = (1.0, 1.0, 1.0)
+    mu_v: Triple = (1.0, 1.0, 1.0)
     feedforward: bool = True
-    source: str = ""
+    source: str = "user"
 
     def __post_init__(self) -> None:
-        for name in ("a_p", "a_v", "b_p", "b_v"):
-            self._check(name, lambda value: 0.0 < value < float("inf"), "three numbers above 0")
-        for name in ("mu_p", "mu_v"):
-            self._check(name, lambda value: 0.0 <= value <= 1.0, "three numbers in [0, 1]")
+        for name in ("a_p", "b_p", "mu_p", "a_v", "b_v", "mu_v"):
+            object.__setattr__(self, name, _triple(name, getattr(self, name)))
+        if not isinstance(self.feedforward, bool):
+            raise SettingError(f"Gains.feedforward = {self.feedforward!r} is not allowed; it must be True or False.")
+        if not isinstance(self.source, str):
+            raise SettingError(f"Gains.source = {self.source!r} is not allowed; it must be a text.")
 
-    def _check(self, name: str, allowed: object, description: str) -> None:
-        values = getattr(self, name)
-        try:
-            numbers = tuple(float(value) for value in values)
-        except (TypeError, ValueError):
-            numbers = ()
-        if len(numbers) != 3 or not all(allowed(value) for value in numbers):  # type: ignore[operator]
-            raise SettingError(f"Gains.{name} = {values!r} is not allowed; it must be {description}.")
-        object.__setattr__(self, name, numbers)
 
-    @property
-    def linear(self) -> bool:
-        """Whether all gains are constant, which makes the law a PD."""
-        return self.mu_p == _ONES and self.mu_v == _ONES
+def _triple(name: str, value: Any) -> Triple:
+    exponent = name.startswith("mu")
+    single = isinstance(value, numbers.Real)
+    items = [value] * 3 if single else list(value) if isinstance(value, Sequence) or hasattr(value, "tolist") else []
+    good = len(items) == 3 and all(isinstance(x, numbers.Real) and not isinstance(x, bool) for x in items)
+    if good:
+        x, y, yaw = (float(item) for item in items)
+        if all(0.0 <= item <= 1.0 if exponent else 0.0 < item < math.inf for item in (x, y, yaw)):
+            return x, y, yaw
+    interval = "[0, 1]" if exponent else "(0, inf)"
+    raise SettingError(
+        f"Gains.{name} = {value!r} is not allowed; it must be a number in {interval} or three of them (x, y, yaw)."
+    )
 
+
+_PAPER = "paper, sec. 4: Kp = 300, Kv = 250"
 
 GAINS: dict[str, Gains] = {
-    "paper-pd": Gains(source="paper, sec. 4: K_p = 300, K_v = 250, law as printed, with full feedforward"),
+    "paper-pd": Gains(
+        a_p=(300.0, 300.0, 300.0),
+        a_v=(250.0, 250.0, 250.0),
+        source=f"{_PAPER}; feedforward as its law is printed",
+    ),
     "paper-pd-plain": Gains(
+        a_p=(300.0, 300.0, 300.0),
+        a_v=(250.0, 250.0, 250.0),
         feedforward=False,
-        source="paper's gains without feedforward: gives the paper's PD row, on a plant without Coriolis terms",
+        source=f"{_PAPER}; feedforward left out, which on a plant without Coriolis terms reproduces the paper's PD row",
     ),
     "paper-nlpd": Gains(
-        mu_p=(0.9812, 0.9123, 0.5598),
-        mu_v=(0.1268, 0.8337, 0.8763),
-        b_p=(1.1592, 1.1592, 1.1592),
-        b_v=(1.1592, 1.1592, 1.1592),
-        source="a = 300 and 250 from the paper; μ and b, which it doesn't give, searched to match its nominal NLPD row",
+        a_p=(300.0, 300.0, 300.0),
+        a_v=(250.0, 250.0, 250.0),
+        b_p=(1.16, 1.16, 1.16),
+        b_v=(1.16, 1.16, 1.16),
+        mu_p=(0.981, 0.912, 0.56),
+        mu_v=(0.127, 0.834, 0.876),
+        source=f"{_PAPER}; mu and b, which it doesn't give, calibrated to its nominal NLPD row. They aren't unique: "
+        "seven numbers answer to four",
     ),
 }
 """The named gain sets."""
 
 
 def gains(name: str) -> Gains:
-    """The gain set called ``name``.
+    """The named gain set.
 
     Raises:
-        SettingError: There is no set of that name; the nearest one is given.
+        SettingError: There is no gain set of that name; the nearest one is given.
     """
     if name not in GAINS:
-        raise SettingError(f"There is no gain set {name!r}; {closest(name, list(GAINS))}")
+        raise SettingError(f"There is no gain set {name!r}; {closest(str(name), list(GAINS))}")
     return GAINS[name]

@@ -1,24 +1,30 @@
-"""The paper's PD controller: the NLPD with every exponent at 1."""
+"""The paper's PD controller: the nonlinear law with every mu at 1."""
 
 from __future__ import annotations
 
-from uwoc_gym.baselines.controller import Controller
 from uwoc_gym.baselines.gains import Gains
-
+from uwoc_gym.baselines.nlpd import NLPDController
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
 
 
-class PDController(Controller):
-    """The law with constant gains; arguments as for `Controller`.
+class PDController(NLPDController):
+    """The PD law (paper, sec. 3.2), by default with the paper's gains and feedforward.
+
+    Args:
+        gains: A gain set with every mu at 1, or the name of one.
+        scenario: See `Controller`.
 
     Raises:
-        SettingError: The gain set has an exponent other than 1.
+        SettingError: There is no gain set or scenario of that name, or a mu of the gain set isn't 1.
     """
 
-    def __init__(self, gain_set: str | Gains = "paper-pd", scenario: str | Scenario = "Nominal") -> None:
-        super().__init__(gain_set, scenario)
-        if not self.gains.linear:
-            raise SettingError(
-                f"PDController takes gains whose mu_p and mu_v are all 1; those of {gain_set!r} aren't. Use NLPDController."
-            )
+    def __init__(self, gains: str | Gains = "paper-pd", scenario: str | Scenario = "Nominal") -> None:
+        super().__init__(gains, scenario)
+        for name in ("mu_p", "mu_v"):
+            exponents = getattr(self.gains, name)
+            if exponents != (1.0, 1.0, 1.0):
+                raise SettingError(
+                    f"Gains.{name} = {exponents!r} is not allowed for a PDController; every exponent must be 1 "
+                    "(NLPDController takes those below)."
+                )

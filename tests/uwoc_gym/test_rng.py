@@ -13,9 +13,7 @@ COUNT = 40_000
 
 @numba.njit
 def words(key0, key1, c0, c1, c2, c3):
-    return rng.philox(
-        np.uint64(key0), np.uint64(key1), np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
-    )
+    return rng.philox(np.uint64(key0), np.uint64(key1), np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3))
 
 
 @numba.njit
@@ -44,7 +42,7 @@ ALL = 0xFFFFFFFF
     ("counter", "key", "expected"),
     [
         ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
-        ((ALL, ALL, ALL, ALL), (ALL, ALL), (0x408F276D, 0x41C83B0E, 0xA20BDC7C, 0x6D5451FD)),
+        ((ALL, ALL, ALL, ALL), (ALL, ALL), (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
         (
             (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
             (0xA4093822, 0x299F31D0),
@@ -62,8 +60,7 @@ def test_uniforms_are_scaled_words():
     np.testing.assert_array_equal(draws(5.0, 7.0, 3.0, 4, 1, 2)[:, 0], expected)
 
 
-def test_extreme_words_give_uniforms_inside_the_interval():
-    assert 0.0 < 0.5 / 2.0**32
+def test_uniforms_lie_inside_the_interval():
     uniform = draws(*KEY, 0.0, 1, COUNT, 0)
     assert uniform.min() > 0.0
     assert uniform.max() < 1.0

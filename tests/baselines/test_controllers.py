@@ -1,0 +1,287 @@
+"""The scripted controllers against the paper's matrix formulas and its published nominal runs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uwoc_gym import Scenario, SettingError
+from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
+from uwoc_gym.baselines.controller import gain
+from uwoc_gym.fleet import MEASURES, Fleet
+from uwoc_gym.observation import SIZE, scales
+
+PAPER_CLOCK = {"episode": {"control_period_s": 0.005, "integration_step_s": 0.005}}
+SKEWED = Gains(
+    a_p=(300.0, 200.0, 90.0),
+    a_v=(250.0, 120.0, 60.0),
+    b_p=(0.5, 0.01, 0.2),
+    b_v=(0.3, 1.0, 0.05),
+    mu_p=(0.9, 0.3, 0.0),
+    mu_v=(0.2, 0.7, 1.0),
+)
+
+
+def rotation(yaw: float) -> np.ndarray:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def paper_gain(e: float, a: float, b: float, mu: float) -> float:
+    return a * abs(e) ** (mu - 1.0) if abs(e) >= b else a * b ** (mu - 1.0)
+
+
+def paper_force(g: Gains, eta, nu, eta_ref, eta_ref_dot, eta_ref_ddot) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """The law with the earth-frame matrices of the paper's sec. 3, numbers from its table 3."""
+    m11, m22, m33 = 100.0, 250.0, 80.0
+    u, v, r = nu
+    M = np.diag([m11, m22, m33])
+    C = np.array([[0.0, 0.0, -m22 * v], [0.0, 0.0, m11 * u], [m22 * v, -m11 * u, 0.0]])
+    D = np.diag([70.0 + 100.0 * abs(u), 100.0 + 200.0 * abs(v), 50.0 + 100.0 * abs(r)])
+    R = rotation(eta[2])
+    # Ṙ by differencing R along the turn, so that its derivative isn't written down a second time.
+    h = 1e-6
+    R_dot = (rotation(eta[2] + r * h) - rotation(eta[2] - r * h)) / (2.0 * h)
+    M_eta, D_eta = R @ M @ R.T, R @ D @ R.T
+    C_eta = R @ (C - M @ R.T @ R_dot) @ R.T
+    error = eta_ref - eta
+    error[2] = np.angle(np.exp(1j * error[2]))
+    drift = eta_ref_dot - R @ nu
+    Kp = np.diag([paper_gain(*x) for x in zip(error, g.a_p, g.b_p, g.mu_p, strict=True)])
+    Kv = np.diag([paper_gain(*x) for x in zip(drift, g.a_v, g.b_v, g.mu_v, strict=True)])
+    bracket = Kp @ error + Kv @ drift
+    if g.feedforward:
+        bracket = bracket + M_eta @ eta_ref_ddot + C_eta @ eta_ref_dot + D_eta @ eta_ref_dot
+    return R.T @ bracket
+
+
+def observe(eta, nu, eta_ref, eta_ref_dot, eta_ref_ddot) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """A noise-free observation of that state in float64."""
+    R = rotation(eta[2])
+    si = np.zeros(SIZE)
+    si[0:2] = (R.T @ (eta_ref - eta))[:2]
+    si[2:4] = np.cos(eta_ref[2] - eta[2]), np.sin(eta_ref[2] - eta[2])
+    si[4:7] = R.T @ eta_ref_dot - nu
+    si[7:10] = nu
+    si[10:13] = R.T @ eta_ref_ddot
+    si[13:15] = np.cos(eta[2]), np.sin(eta[2])
+    return si / scales(Scenario().observation)
+
+
+def random_states(count: int) -> list[tuple[np.ndarray, ...]]:
+    rng = np.random.default_rng(7)
+    spread = ([5.0, 5.0, 6.0], [1.5, 1.5, 0.8], [5.0, 5.0, 6.0], [1.0, 1.0, 0.5], [0.3, 0.3, 0.2])
+    states = [tuple(rng.uniform(-1.0, 1.0, 3) * s for s in spread) for _ in range(count)]
+    # Errors within b are rare among the first half; the second half has nothing else.
+    for eta, nu, ref, ref_dot, _ in states[count // 2 :]:
+        ref[:] = eta + rng.uniform(-0.02, 0.02, 3)
+        ref_dot[:] = rotation(eta[2]) @ nu + rng.uniform(-0.02, 0.02, 3)
+    return states
+
+
+@pytest.mark.parametrize(
+    "gain_set", [SKEWED, replace(SKEWED, feedforward=False), *GAINS.values()], ids=["skewed", "bare", *GAINS]
+)
+def test_law_is_the_papers_in_the_earth_frame(gain_set: Gains) -> None:
+    controller = Controller(gain_set)
+    states = random_states(60)
+    force = controller.force(np.array([observe(*state) for state in states]))
+    expected = np.array([paper_force(gain_set, *state) for state in states])
+    assert force.dtype == np.float64
+    np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-6)
+
+
+def test_fleets_observation_carries_all_that_the_law_needs() -> None:
+    scenario = Scenario.named("Nominal")
+    fleet = Fleet(scenario, 3)
+    fleet.seed(np.arange(3), [1, 2, 3])
+    obs = np.empty((3, SIZE), np.float32)
+    pose = [[5.0, 5.0, 0.0], [1.0, 8.0, 2.5], [-3.0, 12.0, -1.3]]
+    fleet.reset(obs, pose=pose, velocity=[[0.0, 0.0, 0.0], [0.7, -0.4, 0.2], [-0.5, 0.9, -0.3]])
+    s = fleet.state()
+    names = ("pose", "velocity", "ship_pose", "ship_velocity", "ship_acceleration")
+    expected = [paper_force(SKEWED, *(s[name][i].copy() for name in names)) for i in range(3)]
+    np.testing.assert_allclose(Controller(SKEWED, scenario).force(obs), expected, rtol=1e-5, atol=1e-2)
+
+
+def test_yaw_error_is_wrapped() -> None:
+    still = np.zeros(3)
+    obs = observe(np.array([0.0, 0.0, 3.0]), still, np.array([0.0, 0.0, -3.0]), still.copy(), still.copy())
+    assert PDController().force(obs)[2] == pytest.approx(300.0 * (2.0 * np.pi - 6.0))
+
+
+def test_pd_is_the_nlpd_with_unit_exponents() -> None:
+    obs = np.array([observe(*state) for state in random_states(20)])
+    linear = replace(gains("paper-nlpd"), mu_p=1.0, mu_v=1.0)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(PDController().force(obs), NLPDController(linear).force(obs))
+    assert not np.allclose(PDController().force(obs), NLPDController().force(obs), rtol=1e-3)
+
+
+def test_pd_refuses_other_exponents() -> None:
+    with pytest.raises(SettingError, match=r"Gains\.mu_p = \(0\.981.*PDController.*must be 1"):
+        PDController("paper-nlpd")
+
+
+def test_gain_values_and_continuity() -> None:
+    a, b, mu = 300.0, 0.25, 0.5
+    assert gain(4.0, a, b, mu) == pytest.approx(150.0)
+    assert gain(-4.0, a, b, mu) == pytest.approx(150.0)
+    assert gain(1.0, a, b, mu) == pytest.approx(300.0)
+    for inside in (0.0, 0.1, -0.2499, 0.25):
+        assert gain(inside, a, b, mu) == pytest.approx(600.0)
+    below, above = gain(np.nextafter(b, 0.0), a, b, mu), gain(np.nextafter(b, 1.0), a, b, mu)
+    assert below == pytest.approx(above, rel=1e-12)
+    # mu = 0 keeps the size of the force, mu = 1 the gain.
+    e = np.array([0.3, 2.0, 50.0])
+    np.testing.assert_allclose(gain(e, a, b, 0.0) * e, 300.0)
+    np.testing.assert_array_equal(gain(e, a, b, 1.0), 300.0)
+
+
+def test_batch_agrees_with_single_observations() -> None:
+    obs = np.array([observe(*state) for state in random_states(12)])
+    controller = NLPDController()
+    batch = controller.force(obs)
+    for i, single in enumerate(obs):
+        np.testing.assert_allclose(controller.force(single), batch[i], rtol=1e-13, atol=1e-12)
+    np.testing.assert_array_equal(controller.force(obs.reshape(3, 4, SIZE)), batch.reshape(3, 4, 3))
+
+
+def test_predict_is_called_like_a_stable_baselines_policy() -> None:
+    obs = np.array([observe(*state) for state in random_states(12)], dtype=np.float32)
+    controller = NLPDController()
+    action, state = controller.predict(obs)
+    assert action.dtype == np.float32
+    assert action.shape == (12, 3)
+    assert state is None
+    expected = np.clip(controller.force(obs) / [2000.0, 2000.0, 500.0], -1.0, 1.0)
+    np.testing.assert_array_equal(action, expected.astype(np.float32))
+    memory = (np.ones(2),)
+    single, state = controller.predict(obs[0], memory, np.array([True]), deterministic=False)
+    assert single.shape == (3,)
+    assert state is memory
+
+
+def test_predict_clips_to_the_scenarios_limits() -> None:
+    obs = np.zeros((2, SIZE), np.float32)
+    obs[:, 13] = obs[:, 2] = 1.0
+    obs[:, 0] = 5.0, -5.0
+    wide = PDController()
+    assert wide.predict(obs)[0][:, 0] == pytest.approx([1.0, -1.0])
+    assert abs(wide.force(obs)[0, 0]) == pytest.approx(6000.0)
+    strong = Scenario().merged({"vehicle": {"max_surge_force_n": 12000.0}})
+    assert PDController(scenario=strong).predict(obs)[0][:, 0] == pytest.approx([0.5, -0.5])
+
+
+def test_controller_knows_only_the_nominal_vehicle() -> None:
+    obs = np.array([observe(*state) for state in random_states(8)])
+    plant = {"mass_scale": 1.4, "damping_scale": (0.5, 0.9), "mass_surge_kg": (90.0, 110.0)}
+    other = Scenario().merged({"vehicle": plant})
+    np.testing.assert_array_equal(PDController(scenario=other).force(obs), PDController().force(obs))
+
+
+def test_controller_reads_the_scenarios_scales() -> None:
+    state = random_states(1)[0]
+    coarse = Scenario().merged({"observation": {"position_scale_m": 8.0, "velocity_scale_mps": 2.0}})
+    ratio = scales(Scenario().observation) / scales(coarse.observation)
+    obs = observe(*state)
+    np.testing.assert_allclose(PDController(scenario=coarse).force(obs * ratio), PDController().force(obs))
+
+
+@pytest.mark.parametrize("shape", [(), (19,), (4, 21), (20, 4), (2, 3, 20)])
+def test_wrong_observation_shape(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"observation has shape .* must be"):
+        PDController().predict(np.zeros(shape, np.float32))
+
+
+def test_unknown_names_give_the_nearest() -> None:
+    with pytest.raises(SettingError, match=r"no gain set 'paper-nlpb'; did you mean 'paper-nlpd'\?"):
+        gains("paper-nlpb")
+    with pytest.raises(SettingError, match="did you mean 'paper-pd-plain'"):
+        PDController("paper-pd-plan")
+    with pytest.raises(SettingError, match="did you mean 'Nominal'"):
+        PDController(scenario="Nominall")
+    with pytest.raises(SettingError, match="gains = 3 is not allowed"):
+        Controller(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("a_p", 0.0, r"\(0, inf\)"),
+        ("a_v", (1.0, -2.0, 1.0), r"\(0, inf\)"),
+        ("b_p", (1.0, 1.0), r"three of them \(x, y, yaw\)"),
+        ("b_v", float("nan"), r"\(0, inf\)"),
+        ("a_v", float("inf"), r"\(0, inf\)"),
+        ("mu_p", (0.5, 1.1, 1.0), r"\[0, 1\]"),
+        ("mu_v", -0.1, r"\[0, 1\]"),
+        ("mu_v", True, r"\[0, 1\]"),
+        ("a_p", "300", r"\(0, inf\)"),
+        ("feedforward", 1, "True or False"),
+        ("source", 3, "a text"),
+    ],
+)
+def test_bad_gains_name_field_value_and_range(name: str, value: object, allowed: str) -> None:
+    with pytest.raises(SettingError, match=rf"Gains\.{name} = .* is not allowed; it must be .*{allowed}"):
+        replace(SKEWED, **{name: value})  # type: ignore[arg-type]
+
+
+def test_gains_are_triples_with_a_source() -> None:
+    spread = replace(SKEWED, a_p=10, mu_v=np.array([0.1, 0.2, 0.3]))  # type: ignore[arg-type]
+    assert spread.a_p == (10.0, 10.0, 10.0)
+    assert spread.mu_v == (0.1, 0.2, 0.3)
+    assert all(g.source for g in GAINS.values())
+    assert hash(spread) != hash(SKEWED)
+
+
+def test_imports_no_learning_library() -> None:
+    code = "import sys, uwoc_gym.baselines; sys.exit('torch' in sys.modules or 'stable_baselines3' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def fly(controller: Controller, scenario: Scenario) -> tuple[float, np.ndarray, float]:
+    """Arrival time [s], RMSE of x, y and yaw from arrival to the end, and the largest action of a nominal run."""
+    n = 1
+    fleet = Fleet(scenario, n)
+    fleet.seed(np.arange(n), [0])
+    obs, out = np.empty((n, SIZE), np.float32), np.empty((MEASURES, n))
+    fleet.reset(obs)
+    errors, largest = [], 0.0
+    arrival = np.nan
+    for step in range(scenario.episode.steps):
+        action, _ = controller.predict(obs)
+        fleet.step(action, obs, out)
+        largest = max(largest, float(np.abs(action).max()))
+        state = fleet.state()
+        if np.isnan(arrival) and state["in_cone"][0]:
+            arrival = (step + 1) * scenario.episode.control_period_s
+        if not np.isnan(arrival):
+            errors.append(state["ship_pose"][0] - state["pose"][0])
+    return arrival, np.sqrt(np.mean(np.square(errors), axis=0)), largest
+
+
+def test_plain_pd_reproduces_the_published_pd_row() -> None:
+    scenario = Scenario().merged(PAPER_CLOCK | {"vehicle": {"coriolis": False}})
+    arrival, rmse, largest = fly(PDController("paper-pd-plain", scenario), scenario)
+    assert arrival == pytest.approx(2.015, abs=0.0051)
+    assert rmse == pytest.approx([0.4583, 0.4557, 0.0230], rel=0.02)
+    assert largest < 1.0
+
+
+def test_printed_pd_does_better_than_published() -> None:
+    scenario = Scenario().merged(PAPER_CLOCK)
+    arrival, rmse, largest = fly(PDController("paper-pd", scenario), scenario)
+    assert arrival == pytest.approx(2.330, abs=0.0051)
+    assert rmse == pytest.approx([0.079, 0.108, 0.037], abs=0.0006)
+    assert largest < 1.0
+
+
+def test_nlpd_reproduces_the_published_nlpd_row() -> None:
+    scenario = Scenario().merged(PAPER_CLOCK)
+    arrival, rmse, largest = fly(NLPDController("paper-nlpd", scenario), scenario)
+    assert arrival == pytest.approx(2.315, abs=0.0051)
+    assert rmse == pytest.approx([0.0596, 0.1197, 0.0408], rel=0.005)
+    assert largest < 1.0
