@@ -8,6 +8,7 @@ their formation to the compiler would let results depend on the shape of the loo
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from numba import types
 from numba.extending import intrinsic
 
 from uwoc_gym.compiled import inlined
+
+# Numba's own decorator has no types that mypy could follow.
+_intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
 _HALF_PI_HIGH = math.pi / 2
 _HALF_PI_LOW = 6.123233995736766e-17
@@ -26,7 +30,7 @@ _MANTISSA = 0x000FFFFFFFFFFFFF
 _ONE_BITS = 0x3FF0000000000000
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
     """Fused multiply-add a·b + c, rounded once."""
     signature = types.float64(types.float64, types.float64, types.float64)
@@ -37,7 +41,7 @@ def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
     return signature, generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def _float_to_bits(typing_context: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], ir.IntType(64))
@@ -45,7 +49,7 @@ def _float_to_bits(typing_context: Any, value: Any) -> Any:
     return types.int64(types.float64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def _bits_to_float(typing_context: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], ir.DoubleType())

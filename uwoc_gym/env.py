@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -126,7 +126,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         SettingError: A setting is unknown or not allowed.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 20}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         super().reset(seed=seed)
         if seed is not None or not self._has_seed:
             _ = self.np_random
-            self._fleet.seed(_ONE, [self.np_random_seed])
+            self._fleet.seed(_ONE, [self.np_random_seed or 0])
             self._has_seed = True
         if wanted is not self._fleet.scenario:
             self._fleet.configure(wanted)

@@ -98,7 +98,7 @@ from uwoc_gym.block import (
 from uwoc_gym.compiled import compiled, inlined, subroutine
 from uwoc_gym.elementary import atan_below_one, exp, fma, log, sincos, wrap
 from uwoc_gym.observation import LIMIT, SIZE
-from uwoc_gym.parameters import Range
+from uwoc_gym.parameters import Number
 from uwoc_gym.reward import reward_terms
 from uwoc_gym.rng import STREAM_PARAMETERS, draw
 from uwoc_gym.scenario import Scenario
@@ -125,7 +125,7 @@ class Autoreset(enum.IntEnum):
     SAME_STEP = 2
 
 
-def _fixed_parameters(scenario: Scenario) -> list[tuple[str, float | Range]]:
+def _fixed_parameters(scenario: Scenario) -> list[tuple[str, Number]]:
     """Path and value of each number that an episode may draw, other than those of the ship and the pulses."""
     groups = {
         "link": scenario.link,
@@ -175,7 +175,7 @@ _HAS_ENDED = -2
 
 
 @inlined
-def _draw_parameter(s, j, low, high, step, index):  # type: ignore[no-untyped-def]
+def _draw_parameter(s, j, low, high, step, index):
     if low == high or low != low:
         return low
     u, _, _, _ = draw(
@@ -185,7 +185,7 @@ def _draw_parameter(s, j, low, high, step, index):  # type: ignore[no-untyped-de
 
 
 @subroutine
-def _begin_episode(s, table, splines) -> None:  # type: ignore[no-untyped-def]
+def _begin_episode(s, table, splines) -> None:
     """Draw an episode's numbers for the lane at which the view ``s`` begins and put it at time 0."""
     j = 0
     pulses = int(table[C_PULSES])
@@ -229,7 +229,7 @@ def _begin_episode(s, table, splines) -> None:  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _begin_link(s, j, table) -> None:  # type: ignore[no-untyped-def]
+def _begin_link(s, j, table) -> None:
     """Reduce the link that lane ``j`` has drawn to ln B = a + b ln d + c (d − 1) + e ln cos ψ, its cone and depth."""
     p = j + _LINK * STRIDE
     fov = s[p + 3 * STRIDE]
@@ -269,7 +269,7 @@ def _begin_link(s, j, table) -> None:  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _turn_to_heading(s, lanes) -> None:  # type: ignore[no-untyped-def]
+def _turn_to_heading(s, lanes) -> None:
     for j in range(lanes):
         sine, cosine = sincos(s[j + YAW * STRIDE])
         s[j + SIN * STRIDE] = sine
@@ -277,12 +277,12 @@ def _turn_to_heading(s, lanes) -> None:  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _move_ship(s, lanes, table, splines) -> None:  # type: ignore[no-untyped-def]
+def _move_ship(s, lanes, table, splines) -> None:
     move_ship(s, lanes, table[C_RANDOM] > 0.0, table[C_LAWN_MOWER] > 0.0, table[C_RECORDED] > 0.0, splines)
 
 
 @subroutine
-def _advance(s, lanes, table, actions, first_lane, splines) -> None:  # type: ignore[no-untyped-def]
+def _advance(s, lanes, table, actions, first_lane, splines) -> None:
     """Move the block's AUVs through one control period."""
     period = table[C_PERIOD]
     h = table[C_STEP]
@@ -324,7 +324,7 @@ def _advance(s, lanes, table, actions, first_lane, splines) -> None:  # type: ig
 
 
 @inlined
-def _change_to_water(s, lanes, sense) -> None:  # type: ignore[no-untyped-def]
+def _change_to_water(s, lanes, sense) -> None:
     """Add ``sense`` times the current, seen from the body, to surge and sway."""
     for j in range(lanes):
         cx = sense * s[j + CURRENT_X * STRIDE]
@@ -336,7 +336,7 @@ def _change_to_water(s, lanes, sense) -> None:  # type: ignore[no-untyped-def]
 
 
 @subroutine
-def _measure(s, lanes, table) -> None:  # type: ignore[no-untyped-def]
+def _measure(s, lanes, table) -> None:
     """Evaluate link, errors, reward and end of episode for the present state."""
     q2 = table[C_Q] * table[C_Q]
     ln_threshold = table[C_LN_THRESHOLD]
@@ -410,7 +410,7 @@ def _limited(value: float) -> float:
 
 
 @subroutine
-def _observe(s, lanes, table, observations, first_lane) -> None:  # type: ignore[no-untyped-def]
+def _observe(s, lanes, table, observations, first_lane) -> None:
     """Write what the sensors say, scaled, into rows of ``observations``."""
     if table[C_NOISE] > 0.0:
         measure_errors(s, lanes, _SENSORS)
@@ -466,7 +466,7 @@ def _within_one(value: float) -> float:
 
 
 @inlined
-def _show_start(s, table, observations, lane) -> None:  # type: ignore[no-untyped-def]
+def _show_start(s, table, observations, lane) -> None:
     _turn_to_heading(s, 1)
     _measure(s, 1, table)
     for row in (ENDED, REWARD, TERMINATED, TRUNCATED, SUCCESS):
@@ -475,7 +475,7 @@ def _show_start(s, table, observations, lane) -> None:  # type: ignore[no-untype
 
 
 @subroutine
-def _restart(s, table, splines, observations, lane) -> None:  # type: ignore[no-untyped-def]
+def _restart(s, table, splines, observations, lane) -> None:
     """Begin the next episode of the lane at which the view ``s`` begins."""
     s[EPISODE * STRIDE] += 1.0
     _begin_episode(s, table, splines)
@@ -483,7 +483,7 @@ def _restart(s, table, splines, observations, lane) -> None:  # type: ignore[no-
 
 
 @compiled
-def _reset(s, table, splines, lanes, poses, velocities, observations):  # type: ignore[no-untyped-def]
+def _reset(s, table, splines, lanes, poses, velocities, observations):
     """Begin the episode that each of ``lanes`` is marked with; numbers in poses and velocities replace drawn ones."""
     rows = int(table[C_ROWS])
     for lane in lanes:
@@ -498,7 +498,7 @@ def _reset(s, table, splines, lanes, poses, velocities, observations):  # type: 
 
 
 @inlined
-def _move(s, lanes, table, splines, actions, observations, first) -> None:  # type: ignore[no-untyped-def]
+def _move(s, lanes, table, splines, actions, observations, first) -> None:
     """One control period of a block: the order in which everything happens."""
     _advance(s, lanes, table, actions, first, splines)
     _measure(s, lanes, table)
@@ -506,7 +506,7 @@ def _move(s, lanes, table, splines, actions, observations, first) -> None:  # ty
 
 
 @compiled
-def _step_one(s, table, splines, action, observation, out):  # type: ignore[no-untyped-def]
+def _step_one(s, table, splines, action, observation, out):
     """`_step` for a fleet of one without autoreset, with as few arguments as possible since each costs time."""
     for axis in range(3):
         if not abs(action[axis]) <= _LARGEST:
@@ -520,7 +520,7 @@ def _step_one(s, table, splines, action, observation, out):  # type: ignore[no-u
 
 
 @compiled
-def _step(s, table, splines, actions, observations, out, flags, finals, first, last):  # type: ignore[no-untyped-def]
+def _step(s, table, splines, actions, observations, out, flags, finals, first, last):
     """Advance lanes ``first`` to ``last``; returns how many episodes ended, or a negative number for what is wrong.
 
     ``first`` is a multiple of the block's lanes. ``out`` and ``flags`` receive the measures and flags before any
@@ -577,8 +577,9 @@ def _step(s, table, splines, actions, observations, out, flags, finals, first, l
     return ends
 
 
-def _bounds(value: float | Range) -> tuple[float, float]:
-    return (value.low, value.high) if isinstance(value, Range) else (float(value), float(value))
+def _bounds(value: Number) -> tuple[float, float]:
+    low, high = value if isinstance(value, tuple) else (value, value)
+    return float(low), float(high)
 
 
 def _compile_scenario(scenario: Scenario, max_steps: int, autoreset: Autoreset) -> tuple[Array, Array]:
@@ -804,7 +805,7 @@ class Fleet:
         def step(action: npt.NDArray[np.float32], observation: npt.NDArray[np.float32]) -> list[float]:
             if _step_one(state, table, splines, action, observation, out):
                 self._refuse(_HAS_ENDED if np.isfinite(action).all() else _NOT_FINITE, action.reshape(1, 3))
-            return out.tolist()  # type: ignore[no-any-return]
+            return out.tolist()
 
         return step
 
@@ -817,7 +818,8 @@ class Fleet:
             self._pool = ThreadPoolExecutor(self.threads)
         share = -(-self._blocks // self.threads) * LANES
         starts = range(0, self.size, share)
-        jobs = [self._pool.submit(_step, *arguments, start, min(start + share, self.size)) for start in starts]
+        step: Callable[..., int] = _step
+        jobs = [self._pool.submit(step, *arguments, start, min(start + share, self.size)) for start in starts]
         return sum(job.result() for job in jobs)
 
     def _refuse(self, status: int, actions: npt.NDArray[np.float32]) -> None:
@@ -849,7 +851,7 @@ class Fleet:
         rows = self._by_row[:, FIRST_MEASURE : FIRST_MEASURE + MEASURES]
         return rows.transpose(1, 0, 2).reshape(MEASURES, -1)[:, : self.size].copy()
 
-    def state(self) -> dict[str, Array]:
+    def state(self) -> dict[str, npt.NDArray[Any]]:
         """The true state by name, each with a first axis of length N; see `TrackingEnv.state` for the entries."""
         get = self.row
         limits = self.scenario.vehicle.force_limits

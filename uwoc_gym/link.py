@@ -27,39 +27,39 @@ Array = npt.NDArray[np.float64]
 
 
 @register_jitable
-def lambertian_order(half_power_angle):  # type: ignore[no-untyped-def]
+def lambertian_order(half_power_angle):
     return -np.log(2.0) / np.log(np.cos(half_power_angle))
 
 
 @register_jitable
-def radiant_intensity(power, order, range_m, emission_angle):  # type: ignore[no-untyped-def]
+def radiant_intensity(power, order, range_m, emission_angle):
     lobe = np.cos(emission_angle) ** order
     return power * (order + 1.0) / (2.0 * np.pi * range_m**2) * lobe
 
 
 @register_jitable
-def effective_area(detector_area, refractive_index, field_of_view, pointing_error):  # type: ignore[no-untyped-def]
+def effective_area(detector_area, refractive_index, field_of_view, pointing_error):
     concentrator_gain = refractive_index**2 / np.sin(field_of_view) ** 2
     return concentrator_gain * detector_area * np.cos(pointing_error)
 
 
 @register_jitable
-def channel_loss(attenuation, range_m):  # type: ignore[no-untyped-def]
+def channel_loss(attenuation, range_m):
     return np.exp(-attenuation * range_m)
 
 
 @register_jitable
-def solar_power(irradiance, transmittance, bandwidth, area):  # type: ignore[no-untyped-def]
+def solar_power(irradiance, transmittance, bandwidth, area):
     return irradiance * transmittance * bandwidth * area
 
 
 @register_jitable
-def shot_noise_per_hertz(responsivity, background_power):  # type: ignore[no-untyped-def]
+def shot_noise_per_hertz(responsivity, background_power):
     return 2.0 * ELEMENTARY_CHARGE_C * responsivity * background_power
 
 
 @register_jitable
-def solve_log_range(excess, log_slope, linear_slope):  # type: ignore[no-untyped-def]
+def solve_log_range(excess, log_slope, linear_slope):
     """ln d where excess + log_slope·ln d + linear_slope·(d − 1) = 0, by Newton's method in ln d.
 
     In ln d the function is concave and falls, so that Newton's method converges from anywhere.
@@ -72,7 +72,7 @@ def solve_log_range(excess, log_slope, linear_slope):  # type: ignore[no-untyped
 
 
 @register_jitable
-def log_rate_slopes(order, attenuation, surface_background):  # type: ignore[no-untyped-def]
+def log_rate_slopes(order, attenuation, surface_background):
     """How ln(bit rate) goes with ln(range), range and ln(cos of the pointing error).
 
     The bit rate is proportional to photocurrent² over background power; these are the exponents of that quotient.

@@ -32,7 +32,8 @@ class Range(NamedTuple):
         return 0.5 * (self.low + self.high)
 
 
-Number = float | Range
+Number = float | tuple[float, float]
+"""A number, or a pair (low, high) that becomes a `Range`."""
 
 
 def closest(name: str, known: Sequence[str]) -> str:
@@ -187,9 +188,9 @@ class ChildSpec(_Spec):
 
     def merge(self, old: Any, value: Any, where: str) -> Any:
         """The old child with a mapping of overrides, or a whole new one where the kind changes."""
-        if isinstance(old, Parameters) and isinstance(value, Mapping):
-            if value.get("kind", old.kind) == old.kind:
-                return old.merged({k: v for k, v in value.items() if k != "kind"})
+        mapping = isinstance(old, Parameters) and isinstance(value, Mapping)
+        if mapping and value.get("kind", old.kind) == old.kind:
+            return old.merged({k: v for k, v in value.items() if k != "kind"})
         return self.parse(value, where)
 
     def dump(self, value: Any) -> Any:

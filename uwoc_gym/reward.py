@@ -49,7 +49,7 @@ class RewardSettings(Parameters):
 
 
 @inlined
-def reward_terms(  # type: ignore[no-untyped-def]
+def reward_terms(
     level, in_cone, distance, yaw_error, surge, sway, yaw,
     w_rate, w_cone, w_position, w_heading, w_effort, position_scale, heading_scale,
 ):  # fmt: skip

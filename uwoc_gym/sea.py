@@ -78,7 +78,7 @@ class Sea(Parameters):
 
 
 @inlined
-def mark_pulses(s, lanes, first, pulses, period) -> bool:  # type: ignore[no-untyped-def]
+def mark_pulses(s, lanes, first, pulses, period) -> bool:
     """Whether a pulse touches the coming control period in any lane; clears the rows that pulses write."""
     touched = False
     for pulse in range(pulses):
@@ -95,7 +95,7 @@ def mark_pulses(s, lanes, first, pulses, period) -> bool:  # type: ignore[no-unt
 
 
 @inlined
-def apply_pulses(s, lanes, first, pulses, offset, period, h) -> None:  # type: ignore[no-untyped-def]
+def apply_pulses(s, lanes, first, pulses, offset, period, h) -> None:
     """Write the pulses' mean over the integration step that starts ``offset`` after the control period began."""
     for j in range(lanes):
         begin = s[j + TIME * STRIDE]
@@ -127,7 +127,7 @@ def apply_pulses(s, lanes, first, pulses, offset, period, h) -> None:  # type: i
 
 
 @inlined
-def begin_current(s, j, first) -> None:  # type: ignore[no-untyped-def]
+def begin_current(s, j, first) -> None:
     """Draw the current of lane ``j`` from its stationary distribution."""
     p = j + first * STRIDE
     sine, cosine = sincos(s[p + STRIDE])
@@ -138,7 +138,7 @@ def begin_current(s, j, first) -> None:  # type: ignore[no-untyped-def]
 
 
 @inlined
-def advance_current(s, lanes, first, period) -> None:  # type: ignore[no-untyped-def]
+def advance_current(s, lanes, first, period) -> None:
     """Advance the random part of the current by one control period, from each lane's step count."""
     for j in range(lanes):
         p = j + first * STRIDE

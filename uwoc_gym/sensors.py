@@ -1,4 +1,4 @@
-"""Measurement noise on the AUV's own pose and velocity; the true state drives the physics, the noisy one is observed."""
+"""Measurement noise on the AUV's own pose and velocity: the true state drives the physics, policies see the noisy one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Sensors(Parameters):
 
 
 @inlined
-def measure_errors(s, lanes, first) -> None:  # type: ignore[no-untyped-def]
+def measure_errors(s, lanes, first) -> None:
     """Draw the measurement errors of each lane's present step."""
     for j in range(lanes):
         key_0 = s[j + KEY_0 * STRIDE]

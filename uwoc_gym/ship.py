@@ -288,7 +288,7 @@ SHIP_PATHS: tuple[type[ShipPath], ...] = (
 
 
 @inlined
-def set_path(s, j, code, p0, p1, p2, p3, p4, p5, p6) -> None:  # type: ignore[no-untyped-def]
+def set_path(s, j, code, p0, p1, p2, p3, p4, p5, p6) -> None:
     """Turn the path numbers that lane ``j`` has drawn into the family's coefficients."""
     s[j + PATH_KIND * STRIDE] = code
     for row in range(PATH_X, HARMONIC + HARMONICS * HARMONIC_ROWS):
@@ -332,7 +332,7 @@ def set_path(s, j, code, p0, p1, p2, p3, p4, p5, p6) -> None:  # type: ignore[no
 
 
 @inlined
-def set_random_path(s, j, x, y, course, speed, wander, shortest, longest, key_0, key_1, episode) -> None:  # type: ignore[no-untyped-def]
+def set_random_path(s, j, x, y, course, speed, wander, shortest, longest, key_0, key_1, episode) -> None:
     """Draw the turning vectors of a random path for lane ``j``."""
     sine, cosine = sincos(course)
     s[j + PATH_VX * STRIDE] = speed * cosine
@@ -355,7 +355,7 @@ def set_random_path(s, j, x, y, course, speed, wander, shortest, longest, key_0,
 
 
 @inlined
-def _put_turning(s, j, row, x, y, vx, vy, ax, ay) -> None:  # type: ignore[no-untyped-def]
+def _put_turning(s, j, row, x, y, vx, vy, ax, ay) -> None:
     """Write the given motion plus the turning vector at ``row`` as the ship's."""
     rate = s[j + row * STRIDE]
     sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
@@ -371,7 +371,7 @@ def _put_turning(s, j, row, x, y, vx, vy, ax, ay) -> None:  # type: ignore[no-un
 
 
 @inlined
-def _add_turning(s, lanes, row) -> None:  # type: ignore[no-untyped-def]
+def _add_turning(s, lanes, row) -> None:
     """Add the turning vector at ``row``, which must be a constant for the loop to vectorise."""
     for j in range(lanes):
         _put_turning(
@@ -388,7 +388,7 @@ def _add_turning(s, lanes, row) -> None:  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _jerk(s, j, row):  # type: ignore[no-untyped-def]
+def _jerk(s, j, row):
     """The third derivative of the turning vector at ``row``."""
     rate = s[j + row * STRIDE]
     sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
@@ -397,7 +397,7 @@ def _jerk(s, j, row):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _head_along_course(s, lanes) -> None:  # type: ignore[no-untyped-def]
+def _head_along_course(s, lanes) -> None:
     """Give the lanes on random paths the heading of their velocity."""
     for j in range(lanes):
         along = s[j + PATH_KIND * STRIDE] == RANDOM_CODE
@@ -421,7 +421,7 @@ def _head_along_course(s, lanes) -> None:  # type: ignore[no-untyped-def]
 
 
 @inlined
-def move_ship(s, lanes, random, lawn_mower, recorded, table) -> None:  # type: ignore[no-untyped-def]
+def move_ship(s, lanes, random, lawn_mower, recorded, table) -> None:
     """Write the ship's motion at each lane's time into the block.
 
     ``random``, ``lawn_mower`` and ``recorded`` say which kinds of path the scenario has, so that the rest is skipped.
@@ -457,7 +457,7 @@ def move_ship(s, lanes, random, lawn_mower, recorded, table) -> None:  # type: i
 
 
 @inlined
-def _move_along_legs(s, lanes) -> None:  # type: ignore[no-untyped-def]
+def _move_along_legs(s, lanes) -> None:
     """Move the lanes on lawn-mower paths."""
     for j in range(lanes):
         mine = s[j + PATH_KIND * STRIDE] == LAWN_MOWER_CODE
@@ -507,7 +507,7 @@ def _pick(first: bool, a: float, b: float) -> float:
 
 
 @inlined
-def _move_along_record(s, j, first, segments, table) -> None:  # type: ignore[no-untyped-def]
+def _move_along_record(s, j, first, segments, table) -> None:
     t = s[j + TIME * STRIDE]
     low = int(first)
     high = int(first + segments)
@@ -541,7 +541,7 @@ def _move_along_record(s, j, first, segments, table) -> None:  # type: ignore[no
 
 
 @inlined
-def begin_path(s, j, code, first_parameter, key_0, key_1, episode) -> None:  # type: ignore[no-untyped-def]
+def begin_path(s, j, code, first_parameter, key_0, key_1, episode) -> None:
     """Start the path of lane ``j`` from the numbers in its parameter rows."""
     p = j + first_parameter * STRIDE
     p0, p1, p2, p3 = s[p], s[p + STRIDE], s[p + 2 * STRIDE], s[p + 3 * STRIDE]
@@ -552,7 +552,7 @@ def begin_path(s, j, code, first_parameter, key_0, key_1, episode) -> None:  # t
 
 
 @compiled
-def _trace(code, values, table, key_0, key_1, times, out):  # type: ignore[no-untyped-def]
+def _trace(code, values, table, key_0, key_1, times, out):
     state = np.zeros((FIRST_PARAMETER + PATH_PARAMETERS) * STRIDE)
     for i in range(PATH_PARAMETERS):
         state[(FIRST_PARAMETER + i) * STRIDE] = values[i]

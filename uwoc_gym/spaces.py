@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
 from uwoc_gym.observation import ENTRIES
@@ -30,19 +31,20 @@ INFO_NAMES = (
 )
 """Keys of `info` at every step, in the order of the fleet's measures."""
 
+VectorSpace = spaces.Space[npt.NDArray[np.float32]]
 ScenarioLike = str | Scenario | Mapping[str, Any]
 
 
-def action_space() -> spaces.Box:
+def action_space() -> VectorSpace:
     """Surge force, sway force and yaw moment as shares of the actuators' limits."""
-    return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+    return cast(VectorSpace, spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32))
 
 
-def observation_space() -> spaces.Box:
+def observation_space() -> VectorSpace:
     """The observation vector of `uwoc_gym.observation`."""
     low = np.array([entry.low for entry in ENTRIES], dtype=np.float32)
     high = np.array([entry.high for entry in ENTRIES], dtype=np.float32)
-    return spaces.Box(low, high, dtype=np.float32)
+    return cast(VectorSpace, spaces.Box(low, high, dtype=np.float32))
 
 
 def build_scenario(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -10,7 +10,8 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from uwoc_gym.fleet import MEASURE_NAMES, MEASURES, Autoreset, Fleet
+from uwoc_gym.block import MEASURES
+from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
 from uwoc_gym.observation import SIZE
 from uwoc_gym.spaces import (
     ACTION_SIZE,
@@ -35,7 +36,7 @@ _MODES = {
 }
 
 
-class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
+class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]]):
     """N environments of `TrackingEnv`, advanced together by one compiled function.
 
     Environment i seeded through ``reset(seed=s)`` gives the same episodes, bit for bit, as `TrackingEnv` seeded
@@ -57,7 +58,7 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
         ValueError: ``num_envs``, ``threads`` or ``max_episode_steps`` is below 1.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 20}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -146,7 +147,7 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
             if not self._begun:
                 super().reset(seed=None)
                 _ = self.np_random
-                first = self.np_random_seed
+                first = self.np_random_seed or 0
                 self._fleet.seed(lanes, [first + int(i) for i in lanes])
             return
         if isinstance(seed, (int, np.integer)):
@@ -209,7 +210,7 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, Observations]):
         infos["is_success"] = success
         return infos
 
-    def state(self) -> dict[str, Array]:
+    def state(self) -> dict[str, npt.NDArray[Any]]:
         """The true states by name, as in `TrackingEnv.state`, each with a first axis of length N."""
         return self._fleet.state()
 

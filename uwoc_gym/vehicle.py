@@ -104,7 +104,8 @@ class Vehicle(Parameters):
         axes = ("surge", "sway", "yaw")
         linear = np.array([self.value(f"linear_damping_{axis}") for axis in axes])
         quadratic = np.array([self.value(f"quadratic_damping_{axis}") for axis in axes])
-        return (linear + quadratic * np.abs(np.asarray(velocity, dtype=float))) * self.value("damping_scale")
+        diagonal: Array = linear + quadratic * np.abs(np.asarray(velocity, dtype=float))
+        return diagonal * self.value("damping_scale")
 
     def coriolis_force(self, velocity: npt.ArrayLike, direction: npt.ArrayLike) -> Array:
         """C(ν) applied to a body-frame vector, shape (..., 3); zero where `coriolis` is off."""
@@ -131,9 +132,7 @@ class Vehicle(Parameters):
 
 
 @inlined
-def set_dynamics(  # type: ignore[no-untyped-def]
-    s, j, m11, m22, m33, d1, d2, d3, q1, q2, q3, mass_scale, damping_scale, coriolis
-) -> None:
+def set_dynamics(s, j, m11, m22, m33, d1, d2, d3, q1, q2, q3, mass_scale, damping_scale, coriolis) -> None:
     """Write one lane's equation of motion, divided by its masses, into the block's rows."""
     m11 = m11 * mass_scale
     m22 = m22 * mass_scale
@@ -153,9 +152,7 @@ def set_dynamics(  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _acceleration(  # type: ignore[no-untyped-def]
-    push, linear, quadratic, coupling, velocity, product
-):
+def _acceleration(push, linear, quadratic, coupling, velocity, product):
     """One axis of M⁻¹(τ − C(ν)ν − D(ν)ν); ``product`` is that of the other two velocities."""
     damping = fma(quadratic, abs(velocity), linear)
     return fma(coupling, product, fma(-damping, velocity, push))
@@ -171,7 +168,7 @@ def _make_integrator(earth_force: bool) -> Any:
     """
 
     @inlined
-    def integrate(s, lanes, h, count) -> None:  # type: ignore[no-untyped-def]
+    def integrate(s, lanes, h, count) -> None:
         half = 0.5 * h
         sixth = h / 6.0
         for _ in range(count):

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from uwoc_gym import Scenario, SettingError
 from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
 from uwoc_gym.baselines.controller import gain
+
+from uwoc_gym import Scenario, SettingError
 from uwoc_gym.fleet import MEASURES, Fleet
 from uwoc_gym.observation import SIZE, scales
 
@@ -248,12 +248,13 @@ def fly(controller: Controller, scenario: Scenario) -> tuple[float, np.ndarray, 
     fleet = Fleet(scenario, n)
     fleet.seed(np.arange(n), [0])
     obs, out = np.empty((n, SIZE), np.float32), np.empty((MEASURES, n))
+    flags = np.empty((4, n), np.bool_)
     fleet.reset(obs)
     errors, largest = [], 0.0
     arrival = np.nan
     for step in range(scenario.episode.steps):
         action, _ = controller.predict(obs)
-        fleet.step(action, obs, out)
+        fleet.step(action, obs, out, flags)
         largest = max(largest, float(np.abs(action).max()))
         state = fleet.state()
         if np.isnan(arrival) and state["in_cone"][0]:

@@ -19,12 +19,13 @@ class Flight:
     fleet: Fleet
     observations: np.ndarray
     out: np.ndarray
+    flags: np.ndarray
     finals: np.ndarray
 
     def step(self, action: Any = 0.0, count: int = 1) -> dict[str, np.ndarray]:
         actions = np.ascontiguousarray(np.broadcast_to(np.asarray(action, dtype=np.float32), (self.fleet.size, 3)))
         for _ in range(count):
-            self.fleet.step(actions, self.observations, self.out, self.finals)
+            self.fleet.step(actions, self.observations, self.out, self.flags, self.finals)
         return self.fleet.state()
 
     def measures(self) -> dict[str, np.ndarray]:
@@ -48,9 +49,12 @@ def fly():
     ) -> Flight:
         fleet = Fleet(scenario, size, autoreset, **options)
         fleet.seed(np.arange(size), seeds or list(range(seed, seed + size)))
-        shape = (size, 20)
         flight = Flight(
-            fleet, np.zeros(shape, np.float32), np.zeros((len(MEASURE_NAMES), size)), np.zeros(shape, np.float32)
+            fleet,
+            observations=np.zeros((size, 20), np.float32),
+            out=np.zeros((len(MEASURE_NAMES), size)),
+            flags=np.zeros((4, size), bool),
+            finals=np.zeros((size, 20), np.float32),
         )
         fleet.reset(flight.observations, pose=pose, velocity=velocity)
         return flight

@@ -87,9 +87,9 @@ def test_path_is_continuous(path):
     assert np.abs(np.diff(motion.velocity[:, :2], axis=0)).max() < 0.01
 
 
-def test_fleet_sails_the_same_path(path, fly):
-    if isinstance(path, RandomPath):
-        pytest.skip("draws from the episode's own key")
+@pytest.mark.parametrize("name", [name for name in PATHS if name != "random"])
+def test_fleet_sails_the_same_path(name, fly):
+    path = PATHS[name]
     scenario = Scenario(ship=path, episode=EpisodeSettings(duration_s=50.0, lost_distance_m=1e6))
     flight = fly(scenario)
     for _ in range(8):
@@ -98,6 +98,34 @@ def test_fleet_sails_the_same_path(path, fly):
         np.testing.assert_allclose(state["ship_pose"], motion.pose, rtol=0, atol=1e-12)
         np.testing.assert_allclose(state["ship_velocity"], motion.velocity, rtol=0, atol=1e-12)
         np.testing.assert_allclose(state["ship_acceleration"], motion.acceleration, rtol=0, atol=1e-12)
+
+
+def test_fleet_sails_a_mixture_of_paths(fly):
+    # Each lane of a block must move on its own path, whatever the others do.
+    paths = [PATHS["paper"], PATHS["circle to port"], PATHS["lawn-mower to port"], PATHS["recorded"]]
+    scenario = Scenario(ship=paths, episode=EpisodeSettings(duration_s=50.0, lost_distance_m=1e6))
+    state = fly(scenario, 40).step(0.0, 700)
+    motions = [path.at(35.0) for path in paths]
+    sailed = []
+    for lane in range(40):
+        same = [np.allclose(state["ship_pose"][lane], motion.pose[0], rtol=0, atol=1e-11) for motion in motions]
+        assert sum(same) == 1
+        sailed.append(same.index(True))
+        expected = motions[sailed[-1]]
+        np.testing.assert_allclose(state["ship_velocity"][lane], expected.velocity[0], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(state["ship_acceleration"][lane], expected.acceleration[0], rtol=0, atol=1e-11)
+    assert set(sailed) == {0, 1, 2, 3}
+
+
+def test_random_paths_of_a_fleet_differ(fly):
+    scenario = Scenario(ship=RandomPath(x_m=2.0, course_rad=0.0), episode=EpisodeSettings(lost_distance_m=1e6))
+    flight = fly(scenario, 20)
+    np.testing.assert_allclose(flight.fleet.state()["ship_pose"][:, :2], [[2.0, 0.0]] * 20, atol=1e-12)
+    state = flight.step(0.0, 100)
+    assert len(np.unique(state["ship_pose"][:, 0])) == 20
+    speed = np.hypot(*state["ship_velocity"][:, :2].T)
+    assert (speed >= 0.8 * 0.4 - 1e-12).all()
+    assert (speed <= 0.8 * 1.6 + 1e-12).all()
 
 
 def test_heading_is_along_the_course(along_course):

@@ -1,0 +1,328 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uwoc_gym import (
+    SCENARIOS,
+    CirclePath,
+    Current,
+    EpisodeSettings,
+    LawnMowerPath,
+    ObservationSettings,
+    OpticalLink,
+    PaperPath,
+    Pulse,
+    RandomPath,
+    Range,
+    RecordedPath,
+    RewardSettings,
+    Scenario,
+    Sea,
+    Sensors,
+    SettingError,
+    Start,
+    StraightPath,
+    Vehicle,
+)
+from uwoc_gym.parameters import ChoiceSpec, FlagSpec, NumberSpec
+from uwoc_gym.scenario import as_scenario
+
+SETTINGS = settings(derandomize=True, deadline=None, max_examples=60)
+
+
+def same_after_json(scenario: Scenario) -> bool:
+    return Scenario.from_json(scenario.to_json()) == scenario
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_named_scenarios_survive_json(name):
+    scenario = Scenario.named(name)
+    assert scenario is SCENARIOS[name]
+    assert same_after_json(scenario)
+    assert Scenario.from_dict(scenario.to_dict()) == scenario
+
+
+def test_json_is_plain():
+    data = json.loads(Scenario.named("Random").to_json())
+    assert data["vehicle"]["mass_scale"] == [0.8, 1.2]
+    assert data["ship"][0]["kind"] == "random"
+    assert data["sea"]["pulses"][1]["frame"] == "earth"
+    assert data["depth_m"] is None
+
+
+def test_recorded_path_survives_json():
+    t = np.arange(0.0, 200.0, 10.0)
+    path = RecordedPath(time_s=t, x_m=np.sin(t), y_m=t / 3)
+    assert same_after_json(Scenario(ship=path))
+    assert same_after_json(Scenario(ship=[PaperPath(), path]))
+
+
+def values_of(spec):
+    """Any value that a field allows, as plain data."""
+    if isinstance(spec, FlagSpec):
+        return st.booleans()
+    if isinstance(spec, ChoiceSpec):
+        return st.sampled_from(spec.options)
+    assert isinstance(spec, NumberSpec)
+    low, high = max(spec.low, -1e6), min(spec.high, 1e6)
+    number = st.floats(low, high, exclude_min=spec.open_low, exclude_max=spec.open_high)
+    if not spec.randomisable:
+        return number
+    return number | st.lists(number, min_size=2, max_size=2).map(sorted)
+
+
+def overrides_of(parameters, without=()):
+    fields = {name: values_of(spec) for name, spec in parameters.specs().items() if name not in without}
+    return st.fixed_dictionaries({}, optional=fields)
+
+
+SHIPS = st.one_of(
+    *(
+        st.builds(lambda kind, data: {"kind": kind, **data}, st.just(path.kind), overrides_of(path))
+        for path in (PaperPath, StraightPath, CirclePath, RandomPath, LawnMowerPath)
+    )
+)
+OVERRIDES = st.fixed_dictionaries(
+    {},
+    optional={
+        "vehicle": overrides_of(Vehicle),
+        # The cap on the bit rate must not lie below the threshold.
+        "link": overrides_of(OpticalLink, without=("max_bit_rate_bps",)),
+        "ship": SHIPS | st.lists(SHIPS, min_size=1, max_size=3),
+        "sea": st.fixed_dictionaries(
+            {}, optional={"pulses": st.lists(overrides_of(Pulse), max_size=2), "current": overrides_of(Current)}
+        ),
+        "sensors": overrides_of(Sensors),
+        "start": overrides_of(Start),
+        "reward": overrides_of(RewardSettings),
+        "observation": overrides_of(ObservationSettings),
+        "depth_m": st.none() | st.floats(0.1, 10.0) | st.just([2.0, 3.0]),
+    },
+)
+
+
+@SETTINGS
+@given(OVERRIDES)
+def test_any_scenario_survives_json(overrides):
+    for base in (Scenario(), Scenario.named("Random")):
+        assert same_after_json(base.merged(overrides))
+
+
+@SETTINGS
+@given(OVERRIDES)
+def test_overrides_take_effect(overrides):
+    base = Scenario.named("Random")
+    got, before = base.merged(overrides).to_dict(), base.to_dict()
+    for group in ("vehicle", "link", "sensors", "start", "reward", "observation"):
+        assert got[group] == before[group] | overrides.get(group, {})
+    assert got["sea"]["current"] == before["sea"]["current"] | overrides.get("sea", {}).get("current", {})
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"vehicel": {}}, r"Scenario has no setting 'vehicel'; did you mean 'vehicle'\?"),
+        ({"vehicle": {"mass_scal": 1.0}}, r"Vehicle has no setting 'mass_scal'; did you mean 'mass_scale'\?"),
+        ({"sea": {"curent": {}}}, r"Sea has no setting 'curent'; did you mean 'current'\?"),
+        ({"sea": {"current": {"std": 1.0}}}, r"Current has no setting 'std'; did you mean 'std_mps'\?"),
+        ({"sea": {"pulses": [{}, {"force_x": 1.0}]}}, r"Pulse has no setting 'force_x'; did you mean 'force_x_n'\?"),
+        ({"ship": {"kind": "circle", "radius": 3.0}}, r"CirclePath has no setting 'radius'; did you mean 'radius_m'\?"),
+        ({"ship": [{"kind": "paper", "swing": 1.0}]}, r"PaperPath has no setting 'swing'; did you mean 'swing_rad'\?"),
+        ({"ship": {"kind": "cirle"}}, r"Scenario.ship.kind = 'cirle' is not allowed; did you mean 'circle'\?"),
+        ({"ship": [{"kind": "lawnmower"}]}, r"Scenario.ship\[0\].kind = 'lawnmower' .* did you mean 'lawn-mower'\?"),
+        ({"ship": {"radius_m": 3.0}}, r"needs a 'kind'. Valid names: paper, straight, circle"),
+        ({"link": {"background": "print"}}, r"OpticalLink.background = 'print' .* did you mean 'printed'\?"),
+        ({"sea": {"pulses": [{"frame": "erth"}]}}, r"Pulse.frame = 'erth' .* did you mean 'earth'\?"),
+        ({"episode": {"zzzz": 1}}, r"EpisodeSettings has no setting 'zzzz'; Valid names: duration_s, "),
+    ],
+)
+def test_unknown_names(data, message):
+    with pytest.raises(SettingError, match=message):
+        Scenario.from_json(json.dumps(data))
+    if data.get("ship") != {"radius_m": 3.0}:
+        with pytest.raises(SettingError, match=message):
+            Scenario().merged(data)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "The scenario isn't valid JSON"),
+        ("[1, 2]", "The scenario's JSON must be an object"),
+        ('{"vehicle": 3}', "Scenario.vehicle = 3 is not allowed; it must be a Vehicle or a mapping"),
+        ('{"ship": []}', r"Scenario.ship = \[\] is not allowed; it needs at least one of PaperPath"),
+        ('{"ship": "circle"}', "Scenario.ship = 'circle' is not allowed"),
+        ('{"sea": {"pulses": {}}}', r"Sea.pulses = {} is not allowed; it must be a list of Pulse"),
+        ('{"vehicle": {"mass_scale": NaN}}', "Vehicle.mass_scale = nan is not allowed"),
+        ('{"vehicle": {"mass_scale": "1"}}', "Vehicle.mass_scale = '1' is not allowed"),
+        ('{"vehicle": {"mass_scale": true}}', "Vehicle.mass_scale = True is not allowed"),
+        ('{"vehicle": {"mass_scale": null}}', "Vehicle.mass_scale = None is not allowed"),
+        ('{"vehicle": {"coriolis": 1}}', "Vehicle.coriolis = 1 is not allowed; it must be True or False"),
+    ],
+)
+def test_bad_json(text, message):
+    with pytest.raises(SettingError, match=message):
+        Scenario.from_json(text)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Vehicle(mass_scale=0.0), r"Vehicle.mass_scale = 0.0 .* \(0, inf\) \[1\]"),
+        (lambda: Vehicle(damping_scale=-0.1), r"Vehicle.damping_scale = -0.1 .* \[0, inf\)"),
+        (lambda: Vehicle(mass_scale=(0.0, 1.0)), r"Vehicle.mass_scale = \(0.0, 1.0\) is not allowed"),
+        (lambda: Vehicle(mass_scale=(1.2, 0.8)), r"Vehicle.mass_scale = \(1.2, 0.8\) .* pair \(low, high\)"),
+        (lambda: Vehicle(mass_scale=(1.0, 1.1, 1.2)), r"Vehicle.mass_scale = \(1.0, 1.1, 1.2\) is not allowed"),
+        (lambda: Vehicle(mass_scale=(1.0, math.inf)), r"Vehicle.mass_scale = \(1.0, inf\) is not allowed"),
+        (lambda: Vehicle(max_surge_force_n=(1.0, 2.0)), r"Vehicle.max_surge_force_n = \(1.0, 2.0\) is not allowed"),
+        (lambda: RandomPath(wander=0.95), r"RandomPath.wander = 0.95 .* \[0, 0.9\]"),
+        (lambda: Pulse(duration_s=-1.0), r"Pulse.duration_s = -1.0 .* \[0, inf\) \[s\]"),
+        (lambda: Current(correlation_time_s=0.0), r"Current.correlation_time_s = 0.0 .* \(0, inf\) \[s\]"),
+        (lambda: Sensors(yaw_std_rad=-1.0), r"Sensors.yaw_std_rad = -1.0 .* \[0, inf\) \[rad\]"),
+        (lambda: Scenario(depth_m=0.0), r"Scenario.depth_m = 0.0 .* \(0, inf\) \[m\] .* or None"),
+        (lambda: Start(x_m=math.nan), r"Start.x_m = nan .* \[m\]"),
+        (lambda: OpticalLink(target_ber=0.5), r"OpticalLink.target_ber = 0.5 .* \(0, 0.5\)"),
+        (lambda: OpticalLink(target_ber=0.0), r"OpticalLink.target_ber = 0.0 .* \(0, 0.5\)"),
+        (lambda: RewardSettings(effort=-1.0), r"RewardSettings.effort = -1.0 .* \[0, inf\)"),
+        (lambda: ObservationSettings(velocity_scale_mps=0.0), r"ObservationSettings.velocity_scale_mps = 0.0"),
+        (lambda: EpisodeSettings(lost_distance_m=0.0), r"EpisodeSettings.lost_distance_m = 0.0 .* \(0, inf\) \[m\]"),
+    ],
+)
+def test_values_out_of_range(build, message):
+    with pytest.raises(SettingError, match=message):
+        build()
+
+
+def test_setting_error_is_a_value_error():
+    assert issubclass(SettingError, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"control_period_s": 0.05, "integration_step_s": 0.03}, "control_period_s = 0.05 .* integration_step_s = 0.03"),
+        ({"control_period_s": 0.001}, "control_period_s = 0.001 .* integration_step_s = 0.005"),
+        ({"duration_s": 1.02}, "duration_s = 1.02 .* multiple of control_period_s = 0.05"),
+        ({"duration_s": 0.01}, "duration_s = 0.01 .* multiple of control_period_s = 0.05"),
+    ],
+)
+def test_time_grid(changes, message):
+    with pytest.raises(SettingError, match="EpisodeSettings." + message):
+        EpisodeSettings(**changes)
+
+
+def test_time_grid_counts():
+    episode = EpisodeSettings()
+    assert (episode.substeps, episode.steps) == (10, 3000)
+    episode = EpisodeSettings(duration_s=0.3, control_period_s=0.1, integration_step_s=0.1)
+    assert (episode.substeps, episode.steps) == (1, 3)
+
+
+def test_record_shorter_than_the_episode():
+    t = np.arange(0.0, 100.0)
+    path = RecordedPath(time_s=t, x_m=t, y_m=t)
+    with pytest.raises(SettingError, match=r"recorded path ends at 99 s, before the episode of 150 s"):
+        Scenario(ship=path)
+    with pytest.raises(SettingError, match="ends at 99 s"):
+        Scenario(ship=[PaperPath(), path])
+    assert Scenario(ship=path, episode=EpisodeSettings(duration_s=99.0)).ship == path
+
+
+def test_merged_goes_deep():
+    base = Scenario.named("CurrentPulse")
+    merged = base.merged({"sea": {"current": {"speed_mps": 0.2}}, "vehicle": {"mass_scale": 1.1}})
+    assert merged.sea.current == Current(speed_mps=0.2)
+    assert merged.sea.pulses == base.sea.pulses
+    assert merged.vehicle == Vehicle(mass_scale=1.1)
+    assert merged.link is base.link
+    assert base.vehicle.mass_scale == 1.0
+
+
+def test_merged_ship():
+    base = Scenario(ship=CirclePath(radius_m=7.0, turn="port"))
+    assert base.merged({"ship": {"speed_mps": 0.5}}).ship == CirclePath(radius_m=7.0, turn="port", speed_mps=0.5)
+    same_kind = {"ship": {"kind": "circle", "speed_mps": 0.5}}
+    assert base.merged(same_kind).ship == CirclePath(radius_m=7.0, turn="port", speed_mps=0.5)
+    assert base.merged({"ship": {"kind": "straight", "speed_mps": 0.5}}).ship == StraightPath(speed_mps=0.5)
+    assert base.merged({"ship": PaperPath()}).ship == PaperPath()
+    two = base.merged({"ship": [{"kind": "paper"}, StraightPath()]})
+    assert two.ship == (PaperPath(), StraightPath())
+    assert two.merged({"ship": {"kind": "circle"}}).ship_paths == (CirclePath(),)
+
+
+def test_merged_pulses_replace():
+    merged = Scenario.named("CurrentPulse").merged({"sea": {"pulses": [{"start_s": 1.0}, Pulse(start_s=2.0)]}})
+    assert merged.sea.pulses == (Pulse(start_s=1.0), Pulse(start_s=2.0))
+    assert merged.merged({"sea": {"pulses": []}}).sea == Sea()
+
+
+@pytest.mark.parametrize("overrides", [3, [("vehicle", {})], None])
+def test_merged_needs_a_mapping(overrides):
+    with pytest.raises(SettingError, match="Scenario overrides must be a mapping"):
+        Scenario().merged(overrides)
+
+
+def test_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Scenario().vehicle = Vehicle()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Vehicle().mass_scale = 2.0
+
+
+def test_named_error():
+    with pytest.raises(SettingError, match=r"no scenario 'Nominl'; did you mean 'Nominal'\? Valid names: Nominal, "):
+        Scenario.named("Nominl")
+
+
+def test_named_scenarios_are_the_papers():
+    assert Scenario.named("Nominal") == Scenario()
+    pulse = Pulse(start_s=30.0, duration_s=1.0, force_x_n=350.0, force_y_n=350.0, moment_nm=350.0, frame="body")
+    assert Scenario.named("CurrentPulse") == Scenario(sea=Sea(pulses=(pulse,)))
+    assert Scenario.named("MassError") == Scenario(sea=Sea(pulses=(pulse,)), vehicle=Vehicle(mass_scale=1.2))
+    start = Scenario().start
+    assert (start.x_m, start.y_m, start.yaw_rad, start.surge_mps) == (5.0, 5.0, 0.0, 0.0)
+
+
+def test_as_scenario():
+    scenario = Scenario.named("MassError")
+    assert as_scenario(scenario) is scenario
+    assert as_scenario("MassError") is scenario
+    assert as_scenario({"depth_m": 2.0}, scenario) == scenario.merged({"depth_m": 2.0})
+    assert as_scenario({"depth_m": 2.0}) == Scenario(depth_m=2.0)
+
+
+def test_ranges():
+    vehicle = Vehicle(mass_scale=np.array([0.8, 1.2]), damping_scale=[1, 2])
+    assert vehicle.mass_scale == Range(0.8, 1.2)
+    assert vehicle.damping_scale == Range(1.0, 2.0)
+    assert vehicle.mass_scale.middle == 1.0
+    assert Vehicle(mass_scale=np.float32(0.5)).mass_scale == 0.5
+
+
+def test_midpoint():
+    middle = Scenario.named("Random").midpoint()
+    assert "[" not in json.dumps([middle.to_dict()["vehicle"], middle.to_dict()["start"]])[1:]
+    assert middle.vehicle.mass_scale == pytest.approx(1.0)
+    assert middle.ship[0].speed_mps == pytest.approx(0.7)
+    assert middle.sea.pulses[0].start_s == 17.5
+    assert middle.sea.current.speed_mps == 0.15
+    assert middle.start.relative_to_ship
+    assert Scenario().midpoint() == Scenario()
+    assert Scenario(depth_m=(2.0, 3.0)).midpoint().depth_m == 2.5
+
+
+def test_drawn_values_follow_the_seed(fly):
+    scenario = Scenario.named("Random")
+    first = fly(scenario, 3, seeds=[1, 2, 1]).fleet.drawn()
+    second = fly(scenario, 2, seeds=[2, 1]).fleet.drawn()
+    for name, values in first.items():
+        assert values[0] == values[2]
+        np.testing.assert_array_equal(values[:2], second[name][::-1], err_msg=name)
+    assert first["vehicle.mass_scale"][0] != first["vehicle.mass_scale"][1]
