@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -19,6 +21,13 @@ class _CacheState:
     available = True
 
 
+@lru_cache(maxsize=1)
+def _sources_stamp() -> tuple[tuple[str, int, int], ...]:
+    """Name, time of change and size of each source file of this package."""
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return tuple((file.name, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+
+
 def compiled(function: Function) -> Function:
     """Compile ``function`` on first use and keep the machine code in Numba's cache.
 
@@ -26,7 +35,7 @@ def compiled(function: Function) -> Function:
     """
     if _CacheState.available:
         try:
-            return cast(Function, numba.njit(cache=True, **_OPTIONS)(function))
+            dispatcher = numba.njit(cache=True, **_OPTIONS)(function)
         except RuntimeError as error:
             _CacheState.available = False
             warnings.warn(
@@ -35,6 +44,11 @@ def compiled(function: Function) -> Function:
                 RuntimeWarning,
                 stacklevel=2,
             )
+        else:
+            # Numba dates cached code by the file of the function alone, though it holds inlined code of other files.
+            index = dispatcher._cache._cache_file
+            index._source_stamp = (index._source_stamp, _sources_stamp())
+            return cast(Function, dispatcher)
     return cast(Function, numba.njit(**_OPTIONS)(function))
 
 

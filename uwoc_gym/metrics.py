@@ -1,144 +1,243 @@
-"""Measures of an episode, from its recorded time series.
+"""What an episode is judged by: arrival, establishment and restoring time, RMSE, availability, data and effort.
 
-Series are arrays of shape (T + 1, N): N episodes sampled at the start and after each of T steps. An episode that ended
-early is given by `length`, the number of its steps; later samples are ignored. Definitions follow section 4 of the
-paper; a time that doesn't exist is not-a-number.
+All functions take series whose first axis is time, one sample per control period and T + 1 samples with the start;
+further axes are simulations, so that one call serves a single run or a batch. Samples that lie after an episode's
+early end are marked by ``valid``, bool of shape (T + 1, ...), by default True everywhere.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
+Mask = npt.NDArray[np.bool_]
 
 
-class Record(NamedTuple):
-    """Time series of N episodes."""
+@dataclass(frozen=True, kw_only=True)
+class EpisodeRecord:
+    """The series of N episodes of T control periods; entries where ``valid`` is False have no meaning."""
 
     time_s: Array
-    """Times of the samples, (T + 1,) [s]."""
-    length: npt.NDArray[np.int64]
-    """Steps of each episode, (N,)."""
-    in_cone: Flags
-    """Inside the cone, (T + 1, N)."""
-    error: Array
-    """Ship's pose minus the AUV's in the earth frame, yaw wrapped, (T + 1, N, 3) [m, m, rad]."""
-    range_m: Array
-    """Distance between transmitter and receiver, (T + 1, N) [m]."""
+    """Time of the samples, (T + 1,) [s]."""
+    in_cone: Mask
+    """Whether the AUV is inside the cone, (T + 1, N)."""
+    pose: Array
+    """The AUV's x, y and yaw in the earth frame, (T + 1, N, 3) [m, m, rad]."""
+    ship_pose: Array
+    """The ship's x, y and yaw in the earth frame, (T + 1, N, 3) [m, m, rad]."""
     bit_rate_bps: Array
-    """Bit rate, (T + 1, N) [bit/s]."""
-    effort: Array
-    """Mean square of the clipped action in each step, (T, N)."""
+    """Bit rate at the target bit error rate, (T + 1, N) [bit/s]."""
+    force: Array
+    """Surge force, sway force and yaw moment applied in each period, (T, N, 3) [N, N, N m]."""
     reward: Array
-    """Reward of each step, (T, N)."""
-    lost: Flags
-    """Whether the episode was terminated, (N,)."""
-
-    def valid(self) -> Flags:
-        """Samples that belong to their episode, (T + 1, N)."""
-        return np.arange(self.time_s.size)[:, None] <= self.length
-
-
-def arrival_time(record: Record) -> Array:
-    """t_a, the time of the first sample inside the cone [s], (N,)."""
-    inside = record.in_cone & record.valid()
-    return np.where(inside.any(axis=0), record.time_s[inside.argmax(axis=0)], np.nan)
+    """Reward of each period, (T, N)."""
+    valid: Mask
+    """Whether the sample belongs to the episode, (T + 1, N)."""
+    lost: Mask
+    """Whether the episode ended because the link was lost beyond recovery, (N,)."""
+    disturbance_s: Array
+    """Time at which the first disturbance begins, (N,) [s]; nan where there is none."""
+    force_limits: Array
+    """The actuators' limits, (3,) [N, N, N m]."""
 
 
-def establishment_time(record: Record, until_s: float = np.inf) -> Array:
-    """t_b, the time from which the AUV stays inside the cone until ``until_s`` (a disturbance) or the end [s], (N,)."""
-    considered = record.valid() & (record.time_s < until_s)[:, None]
-    last = considered.shape[0] - 1 - considered[::-1].argmax(axis=0)
-    outside = considered & ~record.in_cone
-    last_outside = np.where(outside.any(axis=0), considered.shape[0] - 1 - outside[::-1].argmax(axis=0), -1)
-    return np.where(last_outside < last, record.time_s[np.minimum(last_outside + 1, last)], np.nan)
+@dataclass(frozen=True, kw_only=True)
+class EpisodeMetrics:
+    """The measures of N episodes, each of shape (N,)."""
+
+    return_: Array
+    """Sum of the rewards."""
+    steps: Array
+    """Control periods flown."""
+    arrival_time_s: Array
+    """See `arrival_time_s` [s]."""
+    establishment_time_s: Array
+    """See `establishment_time_s` [s]."""
+    restoring_time_s: Array
+    """See `restoring_time_s` [s]."""
+    rmse_x_m: Array
+    """Root mean square of the error in x from arrival on [m]."""
+    rmse_y_m: Array
+    """Root mean square of the error in y from arrival on [m]."""
+    rmse_yaw_rad: Array
+    """Root mean square of the error in yaw from arrival on [rad]."""
+    availability: Array
+    """See `availability`."""
+    mean_log10_bit_rate: Array
+    """See `mean_log10_bit_rate`."""
+    delivered_gbit: Array
+    """See `delivered_gbit` [Gbit]."""
+    effort: Array
+    """See `effort`."""
+    lost: Array
+    """1 where the link was lost beyond recovery, else 0."""
+
+    def rows(self) -> list[dict[str, float]]:
+        """One dict per episode, in the order of the fields."""
+        names = [field.name for field in dataclasses.fields(self)]
+        columns = [getattr(self, name).tolist() for name in names]
+        return [
+            {name.rstrip("_"): value for name, value in zip(names, row, strict=True)}
+            for row in zip(*columns, strict=True)
+        ]
 
 
-def restoring_time(record: Record, disturbance_s: float | None) -> Array:
-    """Δt, from leaving the cone after a disturbance until back inside for good [s], (N,).
-
-    0 where the AUV never left, not-a-number without a disturbance, before arrival, or where it was not back at the end.
-    """
-    count = record.length.size
-    if disturbance_s is None:
-        return np.full(count, np.nan)
-    after = record.valid() & (record.time_s >= disturbance_s)[:, None]
-    outside = after & ~record.in_cone
-    first = outside.argmax(axis=0)
-    back = outside.shape[0] - outside[::-1].argmax(axis=0)
-    returned = back <= record.length
-    step = record.time_s[np.minimum(back, record.time_s.size - 1)] - record.time_s[first]
-    result = np.where(outside.any(axis=0), np.where(returned, step, np.nan), 0.0)
-    arrived = arrival_time(record) < disturbance_s
-    return np.where(arrived, result, np.nan)
+def _inside(in_cone: npt.ArrayLike, valid: npt.ArrayLike | None) -> tuple[Mask, Mask]:
+    inside = np.asarray(in_cone, dtype=bool)
+    belongs = np.ones_like(inside) if valid is None else np.broadcast_to(np.asarray(valid, dtype=bool), inside.shape)
+    return inside & belongs, belongs
 
 
-def rmse(record: Record, from_s: Array | float | None = None) -> Array:
-    """Root mean square errors of x, y and yaw from arrival (or ``from_s``) to the end [m, m, rad], (N, 3)."""
-    start = arrival_time(record) if from_s is None else np.broadcast_to(from_s, record.length.shape)
-    counted = record.valid() & (record.time_s[:, None] >= start)
-    squares = np.where(counted[..., None], record.error**2, 0.0).sum(axis=0)
-    number = counted.sum(axis=0)[:, None]
-    return np.sqrt(np.divide(squares, number, out=np.full(squares.shape, np.nan), where=number > 0))
+def _first(time_s: Array, mask: Mask) -> Array:
+    """Time of the first True of each simulation, nan if there is none."""
+    return np.where(mask.any(axis=0), time_s[mask.argmax(axis=0)], np.nan)
 
 
-def availability(record: Record) -> Array:
-    """Share of the planned episode's samples inside the cone, (N,); time after an early end counts as outside."""
-    result: Array = (record.in_cone & record.valid()).mean(axis=0)
-    return result
+def _inside_for_good(inside: Mask, belongs: Mask) -> Mask:
+    """Whether the AUV is inside at a sample and at all later ones of its episode."""
+    stays = inside | ~belongs
+    return np.logical_and.accumulate(stays[::-1], axis=0)[::-1] & belongs
 
 
-def mean_log_bit_rate(record: Record) -> Array:
-    """Mean of log10 of the bit rate [bit/s] over the samples at which anything is received, (N,)."""
-    heard = (record.bit_rate_bps > 0.0) & record.valid()
-    total = np.where(heard, np.log10(np.where(heard, record.bit_rate_bps, 1.0)), 0.0).sum(axis=0)
-    number = heard.sum(axis=0)
-    return np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0)
+def arrival_time_s(time_s: npt.ArrayLike, in_cone: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
+    """t_a: the first time inside the cone [s]; nan if never (paper, sec. 2.3)."""
+    inside, _ = _inside(in_cone, valid)
+    return _first(np.asarray(time_s, dtype=float), inside)
 
 
-def delivered_gbit(record: Record) -> Array:
-    """Bits delivered inside the cone [Gbit], (N,), each step at the rate of its end."""
-    used = np.where(record.in_cone & record.valid(), record.bit_rate_bps, 0.0)[1:]
-    result: Array = (used * np.diff(record.time_s)[:, None]).sum(axis=0) / 1e9
-    return result
+def establishment_time_s(time_s: npt.ArrayLike, in_cone: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
+    """t_b: the time from which the AUV stays inside the cone [s]; nan if it isn't inside at the end."""
+    return _first(np.asarray(time_s, dtype=float), _inside_for_good(*_inside(in_cone, valid)))
 
 
-def effort(record: Record) -> Array:
-    """Root mean square of the clipped action over the episode, (N,): 1 if every actuator is always at its limit."""
-    counted = record.valid()[1:]
-    result: Array = np.sqrt(np.where(counted, record.effort, 0.0).sum(axis=0) / counted.sum(axis=0))
-    return result
-
-
-def episode_return(record: Record) -> Array:
-    """Sum of the rewards, (N,)."""
-    result: Array = np.where(record.valid()[1:], record.reward, 0.0).sum(axis=0)
-    return result
-
-
-def episode_metrics(record: Record, disturbance_s: float | None = None) -> dict[str, Array]:
-    """All measures by name, each of shape (N,).
+def restoring_time_s(
+    time_s: npt.ArrayLike,
+    in_cone: npt.ArrayLike,
+    disturbance_s: npt.ArrayLike,
+    valid: npt.ArrayLike | None = None,
+) -> Array:
+    """Δt: from first leaving the cone after a disturbance to being back inside for good [s].
 
     Args:
-        record: The episodes.
-        disturbance_s: When the first pulse begins [s], for the restoring time.
+        time_s: Time of the samples, (T + 1,) [s].
+        in_cone: Whether the AUV is inside the cone, (T + 1, ...).
+        disturbance_s: When the disturbance begins, a number or of shape (...) [s]; nan for none.
+        valid: Which samples belong to the episode.
+
+    Returns:
+        Shape (...). 0 where there was no outage; inf where the link was not back for good at the episode's end; nan
+        where the measure doesn't apply: no disturbance, none before the episode's end, or no link to lose when it
+        began.
     """
-    errors = rmse(record)
-    return {
-        "return": episode_return(record),
-        "arrival_s": arrival_time(record),
-        "established_s": establishment_time(record, np.inf if disturbance_s is None else disturbance_s),
-        "restoring_s": restoring_time(record, disturbance_s),
-        "rmse_x_m": errors[:, 0],
-        "rmse_y_m": errors[:, 1],
-        "rmse_yaw_rad": errors[:, 2],
-        "availability": availability(record),
-        "log10_bit_rate": mean_log_bit_rate(record),
-        "delivered_gbit": delivered_gbit(record),
-        "effort": effort(record),
-        "lost": record.lost.astype(float),
-    }
+    time = np.asarray(time_s, dtype=float)
+    inside, belongs = _inside(in_cone, valid)
+    start = np.broadcast_to(np.asarray(disturbance_s, dtype=float), inside.shape[1:])
+    column = time.reshape((-1,) + (1,) * start.ndim)
+    # Half a nanosecond: sample times are multiples of the control period with rounding errors.
+    after = belongs & (column >= start - 5e-10)
+    outside = after & ~inside
+    left = _first(time, outside)
+    back = _first(time, _inside_for_good(inside, belongs) & after & (column >= left))
+    result = np.where(outside.any(axis=0), np.where(np.isnan(back), np.inf, back - left), 0.0)
+    linked = np.take_along_axis(inside, after.argmax(axis=0)[None], axis=0)[0]
+    return np.where(after.any(axis=0) & linked, result, np.nan)
+
+
+def tracking_error(pose: npt.ArrayLike, ship_pose: npt.ArrayLike) -> Array:
+    """Ship's pose minus the AUV's in the earth frame, (..., 3) [m, m, rad], yaw wrapped to [-π, π)."""
+    error = np.asarray(ship_pose, dtype=float) - np.asarray(pose, dtype=float)
+    error[..., 2] = (error[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
+    return error
+
+
+def rmse(error: npt.ArrayLike, counted: npt.ArrayLike) -> Array:
+    """Root mean square of ``error`` (T + 1, ..., 3) over the samples ``counted`` (T + 1, ...); nan if there are none.
+
+    Returns:
+        Shape (..., 3), in the error's units.
+    """
+    mask = np.asarray(counted, dtype=bool)[..., None]
+    number = mask.sum(axis=0)
+    total = np.where(mask, np.square(np.asarray(error, dtype=float)), 0.0).sum(axis=0)
+    result: Array = np.sqrt(np.where(number > 0, total / np.maximum(number, 1), np.nan))
+    return result
+
+
+def since_arrival(in_cone: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Mask:
+    """Which samples lie at or after the arrival, (T + 1, ...): where the paper takes its RMSE."""
+    inside, belongs = _inside(in_cone, valid)
+    return np.logical_or.accumulate(inside, axis=0) & belongs
+
+
+def availability(in_cone: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
+    """Share of the episode's full length spent inside the cone, in [0, 1].
+
+    Each control period counts by the sample at its end. What a lost episode didn't fly counts as outside, so that
+    losing the link early can't look better than losing it late.
+    """
+    inside, _ = _inside(in_cone, valid)
+    result: Array = inside[1:].mean(axis=0)
+    return result
+
+
+def mean_log10_bit_rate(bit_rate_bps: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
+    """Mean of log10(bit rate / (bit/s)) over the samples with any reception; nan if there are none."""
+    rate = np.asarray(bit_rate_bps, dtype=float)
+    received, _ = _inside(rate > 0.0, valid)
+    number = received.sum(axis=0)
+    total = np.log10(np.where(received, rate, 1.0)).sum(axis=0)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+
+
+def delivered_gbit(
+    time_s: npt.ArrayLike, bit_rate_bps: npt.ArrayLike, in_cone: npt.ArrayLike, valid: npt.ArrayLike | None = None
+) -> Array:
+    """Data delivered [Gbit]: each control period counts with the bit rate at its end, if that is inside the cone.
+
+    Outside the cone the link is below its threshold and counts as broken. The rule takes no mean of the two ends
+    because the rate jumps at the field of view's edge.
+    """
+    inside, _ = _inside(in_cone, valid)
+    periods = np.diff(np.asarray(time_s, dtype=float))
+    rate = np.where(inside, np.asarray(bit_rate_bps, dtype=float), 0.0)[1:]
+    result: Array = np.tensordot(periods, rate, axes=1) * 1e-9
+    return result
+
+
+def effort(force: npt.ArrayLike, force_limits: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
+    """Root mean square of force over limit, over the periods and the three axes, in [0, 1].
+
+    Args:
+        force: Applied force, (T, ..., 3) [N, N, N m].
+        force_limits: The actuators' limits, (3,) [N, N, N m].
+        valid: Which samples belong to the episode, (T + 1, ...).
+    """
+    share = np.square(np.asarray(force, dtype=float) / np.asarray(force_limits, dtype=float)).mean(axis=-1)
+    belongs = np.ones_like(share, dtype=bool) if valid is None else np.asarray(valid, dtype=bool)[1:]
+    result: Array = np.sqrt(np.where(belongs, share, 0.0).sum(axis=0) / np.maximum(belongs.sum(axis=0), 1))
+    return result
+
+
+def episode_metrics(record: EpisodeRecord) -> EpisodeMetrics:
+    """All measures of the episodes in a record."""
+    time, inside, valid = record.time_s, record.in_cone, record.valid
+    errors = rmse(tracking_error(record.pose, record.ship_pose), since_arrival(inside, valid))
+    return EpisodeMetrics(
+        return_=np.where(valid[1:], record.reward, 0.0).sum(axis=0),
+        steps=valid[1:].sum(axis=0).astype(float),
+        arrival_time_s=arrival_time_s(time, inside, valid),
+        establishment_time_s=establishment_time_s(time, inside, valid),
+        restoring_time_s=restoring_time_s(time, inside, record.disturbance_s, valid),
+        rmse_x_m=errors[..., 0],
+        rmse_y_m=errors[..., 1],
+        rmse_yaw_rad=errors[..., 2],
+        availability=availability(inside, valid),
+        mean_log10_bit_rate=mean_log10_bit_rate(record.bit_rate_bps, valid),
+        delivered_gbit=delivered_gbit(time, record.bit_rate_bps, inside, valid),
+        effort=effort(record.force, record.force_limits, valid),
+        lost=record.lost.astype(float),
+    )

@@ -1,4 +1,4 @@
-"""Measurement noise on the AUV's own pose and velocity: the true state drives the physics, policies see the noisy one."""
+"""Measurement noise on the AUV's pose and velocity: the true state drives the physics, policies see the noisy one."""
 
 from __future__ import annotations
 

@@ -354,46 +354,53 @@ def set_random_path(s, j, x, y, course, speed, wander, shortest, longest, key_0,
     s[j + PATH_Y * STRIDE] = y
 
 
-@inlined
-def _put_turning(s, j, row, x, y, vx, vy, ax, ay) -> None:
-    """Write the given motion plus the turning vector at ``row`` as the ship's."""
-    rate = s[j + row * STRIDE]
-    sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
-    rx = s[j + (row + 2) * STRIDE]
-    ry = s[j + (row + 3) * STRIDE]
-    rate2 = rate * rate
-    s[j + SHIP_X * STRIDE] = fma(rx, cosine, x)
-    s[j + SHIP_Y * STRIDE] = fma(ry, sine, y)
-    s[j + SHIP_VX * STRIDE] = fma(-(rx * rate), sine, vx)
-    s[j + SHIP_VY * STRIDE] = fma(ry * rate, cosine, vy)
-    s[j + SHIP_AX * STRIDE] = fma(-(rx * rate2), cosine, ax)
-    s[j + SHIP_AY * STRIDE] = fma(-(ry * rate2), sine, ay)
+def _make_turning(row: int) -> tuple[Any, Any]:
+    """How the turning vector at ``row`` moves the ship; the row is compiled in, so that loops vectorise."""
+
+    @inlined
+    def add(s, j, x, y, vx, vy, ax, ay):
+        """Write the given motion plus the turning vector as the ship's."""
+        rate = s[j + row * STRIDE]
+        sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
+        rx = s[j + (row + 2) * STRIDE]
+        ry = s[j + (row + 3) * STRIDE]
+        rate2 = rate * rate
+        s[j + SHIP_X * STRIDE] = fma(rx, cosine, x)
+        s[j + SHIP_Y * STRIDE] = fma(ry, sine, y)
+        s[j + SHIP_VX * STRIDE] = fma(-(rx * rate), sine, vx)
+        s[j + SHIP_VY * STRIDE] = fma(ry * rate, cosine, vy)
+        s[j + SHIP_AX * STRIDE] = fma(-(rx * rate2), cosine, ax)
+        s[j + SHIP_AY * STRIDE] = fma(-(ry * rate2), sine, ay)
+
+    @inlined
+    def jerk(s, j):
+        """The turning vector's third derivative."""
+        rate = s[j + row * STRIDE]
+        sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
+        rate3 = rate * rate * rate
+        return s[j + (row + 2) * STRIDE] * rate3 * sine, -(s[j + (row + 3) * STRIDE] * rate3 * cosine)
+
+    return add, jerk
+
+
+_add_first, _jerk_of_first = _make_turning(HARMONIC)
+_add_second, _jerk_of_second = _make_turning(HARMONIC + HARMONIC_ROWS)
+_add_third, _jerk_of_third = _make_turning(HARMONIC + 2 * HARMONIC_ROWS)
 
 
 @inlined
-def _add_turning(s, lanes, row) -> None:
-    """Add the turning vector at ``row``, which must be a constant for the loop to vectorise."""
+def _add_others(s, lanes):
+    """Add the second and third turning vectors, which only random paths have."""
     for j in range(lanes):
-        _put_turning(
-            s,
-            j,
-            row,
-            s[j + SHIP_X * STRIDE],
-            s[j + SHIP_Y * STRIDE],
-            s[j + SHIP_VX * STRIDE],
-            s[j + SHIP_VY * STRIDE],
-            s[j + SHIP_AX * STRIDE],
-            s[j + SHIP_AY * STRIDE],
-        )
-
-
-@inlined
-def _jerk(s, j, row):
-    """The third derivative of the turning vector at ``row``."""
-    rate = s[j + row * STRIDE]
-    sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
-    rate3 = rate * rate * rate
-    return s[j + (row + 2) * STRIDE] * rate3 * sine, -(s[j + (row + 3) * STRIDE] * rate3 * cosine)
+        x, y = s[j + SHIP_X * STRIDE], s[j + SHIP_Y * STRIDE]
+        vx, vy = s[j + SHIP_VX * STRIDE], s[j + SHIP_VY * STRIDE]
+        ax, ay = s[j + SHIP_AX * STRIDE], s[j + SHIP_AY * STRIDE]
+        _add_second(s, j, x, y, vx, vy, ax, ay)
+    for j in range(lanes):
+        x, y = s[j + SHIP_X * STRIDE], s[j + SHIP_Y * STRIDE]
+        vx, vy = s[j + SHIP_VX * STRIDE], s[j + SHIP_VY * STRIDE]
+        ax, ay = s[j + SHIP_AX * STRIDE], s[j + SHIP_AY * STRIDE]
+        _add_third(s, j, x, y, vx, vy, ax, ay)
 
 
 @inlined
@@ -401,9 +408,9 @@ def _head_along_course(s, lanes) -> None:
     """Give the lanes on random paths the heading of their velocity."""
     for j in range(lanes):
         along = s[j + PATH_KIND * STRIDE] == RANDOM_CODE
-        jx0, jy0 = _jerk(s, j, HARMONIC)
-        jx1, jy1 = _jerk(s, j, HARMONIC + HARMONIC_ROWS)
-        jx2, jy2 = _jerk(s, j, HARMONIC + 2 * HARMONIC_ROWS)
+        jx0, jy0 = _jerk_of_first(s, j)
+        jx1, jy1 = _jerk_of_second(s, j)
+        jx2, jy2 = _jerk_of_third(s, j)
         vx = s[j + SHIP_VX * STRIDE]
         vy = s[j + SHIP_VY * STRIDE]
         ax = s[j + SHIP_AX * STRIDE]
@@ -439,10 +446,9 @@ def move_ship(s, lanes, random, lawn_mower, recorded, table) -> None:
         vy = s[j + PATH_VY * STRIDE]
         x = fma(vx, t, s[j + PATH_X * STRIDE])
         y = fma(vy, t, s[j + PATH_Y * STRIDE])
-        _put_turning(s, j, HARMONIC, x, y, vx, vy, 0.0, 0.0)
+        _add_first(s, j, x, y, vx, vy, 0.0, 0.0)
     if random:
-        _add_turning(s, lanes, HARMONIC + HARMONIC_ROWS)
-        _add_turning(s, lanes, HARMONIC + 2 * HARMONIC_ROWS)
+        _add_others(s, lanes)
         _head_along_course(s, lanes)
     if lawn_mower:
         _move_along_legs(s, lanes)

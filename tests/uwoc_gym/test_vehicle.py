@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def exact(
     cx, cy = current
     state = np.array([*pose, velocity[0] - c * cx - s * cy, velocity[1] + s * cx - c * cy, velocity[2]])
     edges = sorted({0.0, end} | {edge for pulse in pulses for edge in pulse[:2] if 0.0 < edge < end})
-    for begin, finish in zip(edges, edges[1:], strict=False):
+    for begin, finish in pairwise(edges):
         body, earth = np.array(force, dtype=float), np.zeros(2)
         for start, stop, x, y, moment, fixed in pulses:
             if start < 0.5 * (begin + finish) < stop:
@@ -67,7 +68,7 @@ def exact(
         result = solve_ivp(derivative, (begin, finish), state, method="DOP853", rtol=1e-11, atol=1e-13, args=arguments)
         state = result.y[:, -1]
     c, s = math.cos(state[2]), math.sin(state[2])
-    return state[:3], state[3:] + (c * cx + s * cy, c * cy - s * cx, 0.0)
+    return state[:3], np.add(state[3:], (c * cx + s * cy, c * cy - s * cx, 0.0))
 
 
 def assert_agrees(state, expected, atol=1e-8):
