@@ -2,182 +2,167 @@
 
 from __future__ import annotations
 
-import csv
-import importlib.metadata
-import json
-import math
-import platform
+import argparse
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from uwoc_gym.agents.errors import UserError
-from uwoc_gym.agents.evaluate import Flight, disturbance_time, draws_anything, fly, load_policy
-from uwoc_gym.agents.report import COLUMNS, draw_flights, estimate, table
+from uwoc_gym.agents import report
+from uwoc_gym.agents.command import CommandError, output_folder, require, seconds, whole, write_text
+from uwoc_gym.agents.evaluate import POLICIES, Policy, Series, batches, draws, fly, load, load_scenario
+from uwoc_gym.parameters import SettingError
+from uwoc_gym.registry import ENV_IDS
+from uwoc_gym.scenario import Scenario
 
-from uwoc_gym import ENV_IDS, SCENARIOS, Scenario, SettingError
-from uwoc_gym.metrics import episode_metrics
-from uwoc_gym.parameters import closest
-
-BATCH = 32
-"""Episodes flown together: enough for speed, few enough for an interrupted run to keep most."""
-
-
-def load_scenario(name: str) -> tuple[str, Scenario]:
-    """A scenario and its title from its name, an environment ID, or the path of a JSON file.
-
-    Raises:
-        UserError: There is no such scenario, or the file doesn't hold one.
-    """
-    if name in ENV_IDS:
-        name = ENV_IDS[name]
-    if name in SCENARIOS:
-        return name, SCENARIOS[name]
-    if name.endswith(".json"):
-        try:
-            return Path(name).stem, Scenario.from_json(Path(name).read_text())
-        except (OSError, SettingError) as error:
-            raise UserError(f"scenario file {name!r}: {error}") from None
-    raise UserError(f"there is no scenario {name!r}; {closest(name, list(SCENARIOS))} A .json file works too.")
+HELP = "fly policies through scenarios on the same seeds and compare them"
+EXAMPLES = """\
+examples:
+  uwoc-gym benchmark
+  uwoc-gym benchmark --policy pd nlpd --scenario Nominal uwoc/Random-v0 --seeds 100 --out results
+  uwoc-gym benchmark --policy runs/ppo/model.zip my_module:make_policy --scenario my_scenario.json
+"""
 
 
-def writable(out: Path) -> Path:
-    """The folder, made if need be.
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument(
+        "--policy",
+        nargs="+",
+        default=list(POLICIES),
+        metavar="POLICY",
+        help="names, saved .zip files or module:callable (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--scenario",
+        nargs="+",
+        default=list(ENV_IDS),
+        metavar="SCENARIO",
+        help="names, environment IDs or .json files (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="first seed (default: %(default)s)")
+    parser.add_argument(
+        "--batch", type=whole(1), default=50, metavar="N", help="episodes at a time (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--control-period", type=seconds, metavar="S", help="time between actions [s] (default: the scenario's, 0.05)"
+    )
+    parser.add_argument("--out", metavar="DIR", help="folder for results.json, episodes.csv, table.md and figures")
 
-    Raises:
-        UserError: Nothing can be written there.
-    """
+
+def run(args: argparse.Namespace) -> int:
+    """Fly and report; returns the exit status."""
+    require("tqdm", *(["matplotlib"] if args.out else []))
+    scenarios = _scenarios(args)
+    policies = [_load(name) for name in dict.fromkeys(args.policy)]
+    folder = output_folder(args.out) if args.out else None
+    results: list[report.Result] = []
+    flown: dict[str, dict[str, tuple[int, Series]]] = {}
+    begun = time.perf_counter()
+    interrupted = False
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        probe = out / ".write-test"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise UserError(f"--out {str(out)!r} can't be written: {error.strerror}") from None
-    return out
+        if folder is None:
+            _fly_all(args, scenarios, policies, results, flown, None)
+        else:
+            with report.EpisodesFile(folder / "episodes.csv") as episodes:
+                _fly_all(args, scenarios, policies, results, flown, episodes)
+    except KeyboardInterrupt:
+        interrupted = True
+    results = [result for result in results if result.rows]
+    data = report.results_data(results, args.seed)
+    text = report.table(data) if data else ""
+    print(text, end="")
+    if folder is not None:
+        report.write_json(folder / "results.json", _document(args, scenarios, data, not interrupted, begun))
+        write_text(folder / "table.md", text)
+        for name, series in flown.items():
+            report.figure(folder / f"{name}.png", name, scenarios[name], series)
+    if interrupted:
+        count = sum(len(result.rows) for result in results)
+        print(f"uwoc-gym benchmark: interrupted after {count} finished episodes", file=sys.stderr)
+        return 130
+    return 0
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python and of what the results rest on."""
-    found = {"python": platform.python_version()}
-    for package in ("uwoc-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "torch"):
+def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
+    scenarios: dict[str, Scenario] = {}
+    for given in args.scenario:
         try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
+            name, scenario = load_scenario(given)
+        except CommandError as error:
+            raise CommandError(f"--scenario: {error}") from None
+        if args.control_period is not None:
+            try:
+                scenario = scenario.merged({"episode": {"control_period_s": args.control_period}})
+            except SettingError as error:
+                raise CommandError(f"--control-period {args.control_period:g}: {error}") from None
+        if scenarios.get(name, scenario) != scenario:
+            raise CommandError(f"--scenario: two different scenarios are called {name!r}; rename one of the files.")
+        scenarios[name] = scenario
+    return scenarios
 
 
-def run(
-    policies: list[str],
-    scenarios: list[str],
-    episodes: int,
-    first_seed: int,
-    out: Path,
-    command: str,
-    control_period_s: float | None = None,
-) -> bool:
-    """Fly, print the table and write `results.json`, `episodes.csv`, `table.md` and a figure per scenario.
+def _load(name: str) -> Policy:
+    try:
+        return load(name)
+    except CommandError as error:
+        raise CommandError(f"--policy: {error}") from None
 
-    Args:
-        policies: Names, model files or ``module:callable``.
-        scenarios: Names, IDs or JSON files.
-        episodes: Episodes of each policy in each scenario that draws anything; one in the others.
-        first_seed: Episodes use the seeds from this one on, the same for every policy.
-        out: Folder to write to.
-        command: The command line, for the record.
-        control_period_s: Time between actions [s]; None for the scenario's own.
 
-    Returns:
-        Whether all was flown; False after an interrupt, with what was finished written.
-
-    Raises:
-        UserError: A policy or scenario doesn't exist, or ``out`` can't be written.
-    """
+def _fly_all(
+    args: argparse.Namespace,
+    scenarios: dict[str, Scenario],
+    policies: list[Policy],
+    results: list[report.Result],
+    flown: dict[str, dict[str, tuple[int, Series]]],
+    episodes: report.EpisodesFile | None,
+) -> None:
+    """Fly everything; what is finished stands in ``results``, ``flown`` and ``episodes`` at any time."""
     from tqdm import tqdm
 
-    writable(out)
-    chosen = dict(load_scenario(name) for name in scenarios)
-    if control_period_s is not None:
-        chosen = {k: s.merged({"episode": {"control_period_s": control_period_s}}) for k, s in chosen.items()}
-    loaded = {title: {name: load_policy(name, scenario) for name in policies} for title, scenario in chosen.items()}
-    counts = {title: episodes if draws_anything(scenario) else 1 for title, scenario in chosen.items()}
-    jobs = [
-        (title, name, list(range(first_seed + done, first_seed + min(done + BATCH, counts[title]))))
-        for title in chosen
-        for name in policies
-        for done in range(0, counts[title], BATCH)
+    seeds = range(args.seed, args.seed + args.seeds)
+    plan = [
+        (name, policy, seeds[:1] if policy.deterministic and not draws(scenario) else seeds)
+        for name, scenario in scenarios.items()
+        for policy in policies
     ]
-    rows: list[dict[str, Any]] = []
-    flights: dict[str, dict[str, Flight]] = {}
-    complete = True
-    bar = tqdm(total=sum(len(seeds) for *_, seeds in jobs), unit="episode", file=sys.stderr, disable=None)
-    try:
-        with open(out / "episodes.csv", "w", newline="") as file, bar:
-            writer = csv.DictWriter(file, ["scenario", "policy", "seed", *COLUMNS])
-            writer.writeheader()
-            for title, name, seeds in jobs:
-                bar.set_description(f"{title}, {name}")
-                flight = fly(loaded[title][name], chosen[title], seeds)
-                measures = episode_metrics(flight.record, disturbance_time(chosen[title]))
-                for i, seed in enumerate(seeds):
-                    values = {key: float(measures[key][i]) for key in COLUMNS}
-                    rows.append({"scenario": title, "policy": name, "seed": seed, **values})
-                    writer.writerow(rows[-1])
-                file.flush()
-                flights.setdefault(title, {}).setdefault(name, flight)
-                bar.update(len(seeds))
-    except KeyboardInterrupt:
-        complete = False
-    _write(rows, flights, chosen, out, command, complete)
-    return complete
+    with tqdm(total=sum(len(own) for *_, own in plan), unit="episode", file=sys.stderr) as bar:
+        for name, policy, own in plan:
+            bar.set_description(f"{name}, {policy.name}")
+            result = report.Result(name, policy.name, [], len(own) < len(seeds))
+            results.append(result)
+            for batch in batches(own, args.batch):
+                flight = fly(policy, scenarios[name], batch)
+                rows = flight.metrics.rows()
+                if episodes is not None:
+                    episodes.append(name, policy.name, batch, rows)
+                result.rows.extend(rows)
+                flown.setdefault(name, {}).setdefault(policy.name, (batch[0], flight.series))
+                bar.update(len(batch))
 
 
-def _write(
-    rows: list[dict[str, Any]],
-    flights: dict[str, dict[str, Flight]],
-    chosen: dict[str, Scenario],
-    out: Path,
-    command: str,
-    complete: bool,
-) -> None:
-    rng = np.random.default_rng(0)
-    results = {
-        title: {
-            name: {
-                key: estimate(np.array([r[key] for r in rows if r["scenario"] == title and r["policy"] == name]), rng)
-                for key in COLUMNS
-            }
-            for name in flights[title]
-        }
-        for title in flights
-    }
-    counts = {
-        title: max(sum(r["scenario"] == title and r["policy"] == name for r in rows) for name in flights[title])
-        for title in flights
-    }
-    text = table(results, counts)
-    print(text)
-    (out / "table.md").write_text(text)
-    document = {
-        "command": command,
-        "complete": complete,
-        "versions": versions(),
-        "scenarios": {title: scenario.to_dict() for title, scenario in chosen.items()},
-        "episodes": counts,
-        "results": {
-            title: {
-                name: {key: _plain(value) for key, value in measures.items()} for name, measures in policies.items()
-            }
-            for title, policies in results.items()
+def _document(
+    args: argparse.Namespace,
+    scenarios: dict[str, Scenario],
+    data: list[dict[str, Any]],
+    finished: bool,
+    begun: float,
+) -> dict[str, Any]:
+    return {
+        "command": args.command_line,
+        "finished": finished,
+        "versions": report.versions(),
+        "settings": {
+            "seeds": list(range(args.seed, args.seed + args.seeds)),
+            "batch": args.batch,
+            "control_period_s": {name: each.episode.control_period_s for name, each in scenarios.items()},
+            "policies": [str(Path(name)) if name.endswith(".zip") else name for name in args.policy],
+            "scenarios": {name: each.to_dict() for name, each in scenarios.items()},
+            "interval": "95 % bootstrap of the mean, BCa or percentile, 5000 resamples",
         },
+        "wall_time_s": round(time.perf_counter() - begun, 3),
+        "results": data,
     }
-    (out / "results.json").write_text(json.dumps(document, indent=2, ensure_ascii=False))
-    for title, by_policy in flights.items():
-        draw_flights(f"{title}, first episode", chosen[title], by_policy, out / f"{title}.png")
-
-
-def _plain(value: Any) -> dict[str, float | int | None]:
-    """An estimate for JSON, which knows no not-a-number."""
-    return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in value._asdict().items()}

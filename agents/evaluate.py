@@ -1,206 +1,346 @@
-"""Policies by name, file or callable, and flying them through a scenario."""
+"""Policies by name, file or callable, and flying them through seeded episodes."""
 
 from __future__ import annotations
 
 import importlib
 import json
+import math
+import pickle
+import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from uwoc_gym.agents.errors import UserError
-from uwoc_gym.baselines import NLPDController, PDController
 
-from uwoc_gym import Range, Scenario, SettingError, TrackingVectorEnv
-from uwoc_gym.metrics import Record
-from uwoc_gym.parameters import closest
+from uwoc_gym.agents.command import CommandError, require
+from uwoc_gym.baselines import Controller
+from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
+from uwoc_gym.observation import SIZE
+from uwoc_gym.parameters import Parameters, Range, SettingError, closest
+from uwoc_gym.registry import ENV_IDS
+from uwoc_gym.scenario import SCENARIOS, Scenario
+from uwoc_gym.ship import RandomPath
+from uwoc_gym.spaces import ACTION_SIZE
+from uwoc_gym.vector_env import TrackingVectorEnv
+
+Array = npt.NDArray[np.float64]
 
 
-class Policy(Protocol):
-    """Anything that decides as Stable-Baselines3 models do."""
+class Predictor(Protocol):
+    """Anything that decides as a Stable-Baselines3 model does."""
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[npt.NDArray[Any], Any]:
-        """Actions (N, 3) and the next state for observations (N, 20)."""
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[npt.NDArray[np.float32], Any]:
+        """Actions (N, 3) for observations (N, 20), and the policy's memory."""
         ...
 
 
-POLICIES: dict[str, tuple[str, Callable[[Scenario], Policy]]] = {
-    "pd": ("PD with the paper's gains, law as printed", lambda s: PDController("paper-pd", s)),
-    "pd-plain": ("PD with the paper's gains, no feedforward", lambda s: PDController("paper-pd-plain", s)),
-    "nlpd": ("NLPD with gains that match the paper's row", lambda s: NLPDController("paper-nlpd", s)),
+@dataclass(frozen=True)
+class Policy:
+    """A policy that can be flown through any scenario."""
+
+    name: str
+    description: str
+    make: Callable[[Scenario], Predictor]
+    """Builds the policy for a scenario, of which it may use what its designer would know."""
+    deterministic: bool = True
+    """Whether the same observations always give the same actions."""
+
+
+def _scripted(gain_set: str, name: str, description: str) -> Policy:
+    return Policy(name, description, partial(Controller, gain_set))
+
+
+POLICIES: dict[str, Policy] = {
+    policy.name: policy
+    for policy in (
+        _scripted("paper-pd", "pd", "the paper's PD law as printed, with full feedforward"),
+        _scripted(
+            "paper-pd-plain", "pd-plain", "the same gains without feedforward, as the paper's PD numbers suggest"
+        ),
+        _scripted("paper-nlpd", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
+    )
 }
-"""Description and maker of each named policy."""
+"""The named policies."""
 
 
-def load_policy(name: str, scenario: Scenario) -> Policy:
-    """A policy by name, by the path of a saved Stable-Baselines3 model, or as ``module:callable``.
+def load(name: str) -> Policy:
+    """The policy of that name, file or callable.
 
-    A callable is given the scenario and returns the policy. Beside a model, ``vecnormalize.pkl`` holds its frozen
-    normalisation statistics.
+    Args:
+        name: A name in `POLICIES`, the path of a zip file saved by Stable-Baselines3, or "module:callable", which is
+            called with the scenario and returns an object with Stable-Baselines3's ``predict``. The latter two run
+            code: a saved file holds pickled objects, so load only files that you trust.
 
     Raises:
-        UserError: There is no such policy, or the file isn't a saved model.
+        CommandError: There is no such policy, or it can't be loaded.
     """
     if name in POLICIES:
-        return POLICIES[name][1](scenario)
-    if name.endswith(".zip") or Path(name).exists():
-        return _load_model(Path(name))
+        return POLICIES[name]
+    path = Path(name)
+    if path.suffix == ".zip" or path.exists():
+        return _saved(path)
     if ":" in name:
-        return _call(name, scenario)
-    raise UserError(
-        f"there is no policy {name!r}; {closest(name, list(POLICIES))} A .zip file or module:callable works too."
+        return _callable(name)
+    raise CommandError(
+        f"there is no policy {name!r}; {closest(name, list(POLICIES))} A policy may also be the path of a saved "
+        ".zip file or module:callable."
     )
 
 
-def _call(name: str, scenario: Scenario) -> Policy:
-    module, _, attribute = name.partition(":")
+def _callable(name: str) -> Policy:
+    module_name, _, attribute = name.partition(":")
+    # Console scripts, unlike `python -m`, don't look in the working folder.
+    sys.path.insert(0, "")
     try:
-        maker = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"policy {name!r} can't be imported: {error}") from None
-    policy: Policy = maker(scenario)
-    if not hasattr(policy, "predict"):
-        raise UserError(f"policy {name!r} made a {type(policy).__name__}, which has no predict().")
-    return policy
+        found: Any = importlib.import_module(module_name)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except Exception as error:
+        raise CommandError(f"policy {name!r} can't be imported: {type(error).__name__}: {error}") from None
+    finally:
+        sys.path.remove("")
+    if not callable(found):
+        raise CommandError(f"policy {name!r} is not callable; it must take a scenario and return a policy.")
+
+    def make(scenario: Scenario) -> Predictor:
+        made: Any = found(scenario)
+        if not callable(getattr(made, "predict", None)):
+            raise CommandError(
+                f"policy {name!r} returned a {type(made).__name__} without predict(); it must return an object with "
+                "the predict() of Stable-Baselines3."
+            )
+        return made  # type: ignore[no-any-return]
+
+    return Policy(name, "callable", make, deterministic=False)
 
 
-def _load_model(path: Path) -> Policy:
+# A setting that only models of the class have; the file doesn't name the class itself.
+_TELL_TALE = (
+    ("SAC", "target_entropy"),
+    ("TD3", "policy_delay"),
+    ("PPO", "clip_range"),
+    ("A2C", "normalize_advantage"),
+)
+
+
+def _saved(path: Path) -> Policy:
     if not path.is_file():
-        raise UserError(f"agent file {str(path)!r} doesn't exist.")
+        raise CommandError(f"policy {str(path)!r}: there is no such file.")
     try:
         with zipfile.ZipFile(path) as archive:
-            data = json.loads(archive.read("data"))
-    except (zipfile.BadZipFile, KeyError, ValueError):
-        raise UserError(f"agent file {str(path)!r} isn't a saved Stable-Baselines3 model.") from None
+            settings = json.loads(archive.read("data"))
+    except (zipfile.BadZipFile, KeyError, ValueError, OSError):
+        raise CommandError(f"policy {str(path)!r} is not a zip file saved by Stable-Baselines3.") from None
+    kind = next((kind for kind, setting in _TELL_TALE if setting in settings), None)
+    if kind is None:
+        known = ", ".join(kind for kind, _ in _TELL_TALE)
+        raise CommandError(f"policy {str(path)!r} was saved by another algorithm than {known}.")
+    require("stable_baselines3")
+    import stable_baselines3
+
     try:
-        import stable_baselines3 as sb3
-    except ImportError:
-        raise UserError('saved agents need Stable-Baselines3: pip install "uwoc-gym[agents]"') from None
-    algorithm = getattr(sb3, _algorithm(data))
-    try:
-        model = algorithm.load(path, device="cpu")
-    except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        raise UserError(f"agent file {str(path)!r} can't be loaded as {algorithm.__name__}: {error}") from None
-    return _Normalised.around(model, path)
+        model = getattr(stable_baselines3, kind).load(path, device="cpu")
+    except Exception as error:
+        text = str(error).splitlines()[0] if str(error) else ""
+        raise CommandError(f"policy {str(path)!r} can't be loaded: {type(error).__name__}: {text}") from None
+    shapes = (model.observation_space.shape, model.action_space.shape)
+    if shapes != ((SIZE,), (ACTION_SIZE,)):
+        raise CommandError(
+            f"policy {str(path)!r} has observations and actions of shapes {shapes[0]} and {shapes[1]}; they must be "
+            f"({SIZE},) and ({ACTION_SIZE},)."
+        )
+    normaliser = _normaliser(path.with_name("vecnormalize.pkl"))
+    policy = model if normaliser is None else _Normalised(model, normaliser)
+    return Policy(str(path), f"saved {kind} model", lambda scenario: policy)
 
 
-def _algorithm(data: dict[str, Any]) -> str:
-    """The algorithm of a saved model, whose name the file doesn't hold: told from its policy class and settings."""
-    module = str(data.get("policy_class", {}).get("__module__", ""))
-    if ".sac." in module:
-        return "SAC"
-    if ".td3." in module:
-        return "TD3"
-    return "PPO" if "clip_range" in data else "A2C"
+def _normaliser(path: Path) -> Callable[[Any], Any] | None:
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file:
+            normalise: Callable[[Any], Any] = pickle.load(file).normalize_obs
+    except Exception as error:
+        raise CommandError(f"{str(path)!r} is not a saved VecNormalize: {type(error).__name__}: {error}") from None
+    return normalise
 
 
 class _Normalised:
-    """A model whose observations pass through frozen normalisation statistics."""
+    """A model behind the observation statistics that it was trained with, frozen."""
 
-    def __init__(self, model: Policy, statistics: Any) -> None:
+    def __init__(self, model: Any, normalise: Callable[[Any], Any]) -> None:
         self._model = model
-        self._statistics = statistics
-
-    @classmethod
-    def around(cls, model: Any, path: Path) -> Policy:
-        shape = model.observation_space.shape
-        if shape is None or shape[-1] % 20:
-            raise UserError(f"agent file {str(path)!r} expects observations of shape {shape}; ours have 20 entries.")
-        beside = path.parent / "vecnormalize.pkl"
-        if not beside.is_file():
-            policy: Policy = model
-            return policy
-        from stable_baselines3.common.save_util import load_from_pkl
-
-        return cls(model, load_from_pkl(beside))
+        self._normalise = normalise
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[npt.NDArray[Any], Any]:
-        """As the model's, on normalised observations."""
-        return self._model.predict(
-            self._statistics.normalize_obs(observation), state, episode_start, deterministic=deterministic
-        )
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[npt.NDArray[np.float32], Any]:
+        actions, memory = self._model.predict(self._normalise(observation), state, episode_start, deterministic)
+        return actions, memory
 
 
-class Flight(NamedTuple):
-    """Episodes of one policy in one scenario, and the paths of the first one."""
-
-    record: Record
-    pose: npt.NDArray[np.float64]
-    """The AUV's pose in the first episode, (T + 1, 3) [m, m, rad]."""
-    ship_pose: npt.NDArray[np.float64]
-    """The ship's pose in the first episode, (T + 1, 3) [m, m, rad]."""
-    pointing_error_rad: npt.NDArray[np.float64]
-    """Receiver's pointing error in the first episode, (T + 1,) [rad]."""
-
-
-def disturbance_time(scenario: Scenario) -> float | None:
-    """When the first pulse can begin [s], or None without pulses."""
-    starts = [pulse.start_s for pulse in scenario.sea.pulses]
-    return min((s.low if isinstance(s, Range) else s for s in starts), default=None)
-
-
-def draws_anything(scenario: Scenario) -> bool:
-    """Whether episodes of the scenario differ from seed to seed."""
-    noisy = any(value > 0.0 for _, value in scenario.midpoint().sensors.numbers() if not isinstance(value, Range))
-    random_path = any(path.kind == "random" for path in scenario.ship_paths)
-    current = scenario.midpoint().sea.current.std_mps != 0.0
-    return noisy or random_path or current or scenario.midpoint() != scenario or len(scenario.ship_paths) > 1
-
-
-def fly(policy: Policy, scenario: Scenario, seeds: list[int]) -> Flight:
-    """Fly one episode per seed, all at once.
-
-    Args:
-        policy: Sees observations only.
-        scenario: What to fly.
-        seeds: One for each of N episodes.
+def load_scenario(name: str) -> tuple[str, Scenario]:
+    """A scenario and its short name, from its name, environment ID or JSON file.
 
     Raises:
-        SettingError: The policy's actions have a wrong shape.
+        CommandError: There is no such scenario, or the file doesn't hold one.
     """
-    count, steps = len(seeds), scenario.episode.steps
-    env = TrackingVectorEnv(count, scenario=scenario)
-    observation, info = env.reset(seed=list(seeds))
+    short = ENV_IDS.get(name, name)
+    if short in SCENARIOS:
+        return short, SCENARIOS[short]
+    path = Path(name)
+    if path.suffix != ".json" and not path.is_file():
+        hint = closest(name, [*SCENARIOS, *ENV_IDS])
+        raise CommandError(f"there is no scenario {name!r}; {hint} A scenario may also be the path of a .json file.")
+    try:
+        return path.stem, Scenario.from_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CommandError(f"scenario {name!r} can't be read: {error.strerror}.") from None
+    except (SettingError, UnicodeDecodeError) as error:
+        raise CommandError(f"scenario {name!r} is not allowed: {error}") from None
+
+
+def draws(scenario: Scenario) -> bool:
+    """Whether episodes of the scenario differ from seed to seed."""
+    noise = [scenario.sea.current.std_mps, *(value for _, value in scenario.sensors.numbers())]
+    return (
+        _has_range(scenario)
+        or len(scenario.ship_paths) > 1
+        or any(isinstance(path, RandomPath) for path in scenario.ship_paths)
+        or any(value != 0.0 for value in noise)
+    )
+
+
+def _has_range(value: Any) -> bool:
+    if isinstance(value, Range):
+        return True
+    if isinstance(value, Parameters):
+        return any(_has_range(getattr(value, name)) for name in value.specs())
+    return isinstance(value, tuple) and any(_has_range(item) for item in value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """What one episode looked like, one sample per control period."""
+
+    time_s: Array
+    pose: Array
+    """(T + 1, 3) [m, m, rad]."""
+    ship_pose: Array
+    """(T + 1, 3) [m, m, rad]."""
+    range_m: Array
+    pointing_error_rad: Array
+    bit_rate_bps: Array
+    slant_height_m: float
+    depth_m: float
+    disturbance_s: float
+    """Start of the first disturbance [s]; nan if there is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """The episodes of one policy in one scenario."""
+
+    seeds: tuple[int, ...]
+    metrics: EpisodeMetrics
+    record: EpisodeRecord
+    series: Series
+    """The first episode."""
+
+
+def _disturbances(parameters: dict[str, Array], size: int) -> Array:
+    """When the first pulse of each simulation begins [s]; nan where there is none."""
+    starts = [values for path, values in parameters.items() if path.startswith("sea.pulses") and "start_s" in path]
+    return np.min(starts, axis=0) if starts else np.full(size, math.nan)
+
+
+_RECORDED = ("in_cone", "pose", "ship_pose", "bit_rate_bps")
+
+
+def fly(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Flight:
+    """Fly one episode per seed, all together, on observations alone.
+
+    Raises:
+        CommandError: The policy gives actions of another shape or that aren't finite.
+    """
+    size, steps = len(seeds), scenario.episode.steps
+    predictor = policy.make(scenario)
+    # After its end a simulation begins anew, which is ignored: the others still need their steps.
+    env = TrackingVectorEnv(size, scenario)
+    observations, _ = env.reset(seed=list(seeds))
     state = env.state()
-    in_cone = np.zeros((steps + 1, count), dtype=bool)
-    error = np.zeros((steps + 1, count, 3))
-    range_m, rate = np.zeros((steps + 1, count)), np.zeros((steps + 1, count))
-    effort, reward = np.zeros((steps, count)), np.zeros((steps, count))
-    length = np.full(count, steps)
-    lost = np.zeros(count, dtype=bool)
-    pose, ship_pose, pointing = np.zeros((steps + 1, 3)), np.zeros((steps + 1, 3)), np.zeros(steps + 1)
-    running = np.ones(count, dtype=bool)
-    starts = np.ones(count, dtype=bool)
+    tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in _RECORDED}
+    first = {name: np.zeros(steps + 1) for name in ("range_m", "pointing_error_rad")}
+    force, reward = np.zeros((steps, size, 3)), np.zeros((steps, size))
+    valid = np.zeros((steps + 1, size), dtype=bool)
+    alive, lost, begun = np.ones(size, dtype=bool), np.zeros(size, dtype=bool), np.ones(size, dtype=bool)
+    disturbance = _disturbances(env.parameters(), size)
+    slant, depth = float(state["slant_height_m"][0]), float(state["depth_m"][0])
+    rewards, terminated, truncated = np.zeros(size), np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
     memory: Any = None
     for step in range(steps + 1):
-        in_cone[step], range_m[step], rate[step] = info["in_cone"], info["range_m"], info["bit_rate_bps"]
-        difference = state["ship_pose"] - state["pose"]
-        difference[:, 2] = (difference[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
-        error[step] = difference
-        pose[step], ship_pose[step] = state["pose"][0], state["ship_pose"][0]
-        pointing[step] = info["pointing_error_rad"][0]
-        if step == steps or not running.any():
+        for name, track in tracks.items():
+            track[step] = state[name]
+        for name, column in first.items():
+            column[step] = state[name][0]
+        valid[step] = alive
+        if step > 0:
+            force[step - 1] = state["force"]
+            reward[step - 1] = rewards
+            lost |= alive & terminated
+            alive = alive & ~(terminated | truncated)
+        if step == steps or not alive.any():
             break
-        action, memory = policy.predict(observation, state=memory, episode_start=starts, deterministic=True)
-        if np.shape(action) != (count, 3):
-            raise SettingError(f"the policy's actions have shape {np.shape(action)}; it must be ({count}, 3).")
-        observation, rewards, terminated, truncated, info = env.step(np.asarray(action, dtype=np.float32))
-        starts = np.zeros(count, dtype=bool)
-        effort[step] = (np.clip(action, -1.0, 1.0) ** 2).mean(axis=1)
-        reward[step] = rewards
-        length[running & terminated] = step + 1
-        lost |= running & terminated
-        running &= ~(terminated | truncated)
+        actions, memory = predictor.predict(observations, state=memory, episode_start=begun, deterministic=True)
+        actions = np.where(alive[:, None], _checked(policy, actions, size), np.float32(0.0))
+        observations, rewards, terminated, truncated, _ = env.step(actions)
+        begun = terminated | truncated
         state = env.state()
     env.close()
-    time_s = np.arange(steps + 1) * scenario.episode.control_period_s
-    record = Record(time_s, length, in_cone, error, range_m, rate, effort, reward, lost)
-    end = int(length[0]) + 1
-    return Flight(record, pose[:end], ship_pose[:end], pointing[:end])
+    record = EpisodeRecord(
+        time_s=np.arange(steps + 1, dtype=np.float64) * scenario.episode.control_period_s,
+        **tracks,
+        force=force,
+        reward=reward,
+        valid=valid,
+        lost=lost,
+        disturbance_s=disturbance,
+        force_limits=scenario.vehicle.force_limits,
+    )
+    own = valid[:, 0]
+    series = Series(
+        time_s=record.time_s[own],
+        pose=record.pose[own, 0],
+        ship_pose=record.ship_pose[own, 0],
+        range_m=first["range_m"][own],
+        pointing_error_rad=first["pointing_error_rad"][own],
+        bit_rate_bps=record.bit_rate_bps[own, 0],
+        slant_height_m=slant,
+        depth_m=depth,
+        disturbance_s=float(disturbance[0]),
+    )
+    return Flight(seeds=tuple(seeds), metrics=episode_metrics(record), record=record, series=series)
+
+
+def _checked(policy: Policy, actions: Any, size: int) -> npt.NDArray[np.float32]:
+    array = np.asarray(actions, dtype=np.float32)
+    if array.shape != (size, ACTION_SIZE) or not np.isfinite(array).all():
+        raise CommandError(
+            f"policy {policy.name!r} gave actions of shape {array.shape}"
+            f"{'' if np.isfinite(array).all() else ' that are not all finite'}; they must be finite and of shape "
+            f"({size}, {ACTION_SIZE})."
+        )
+    return array
+
+
+def batches(seeds: Sequence[int], size: int) -> Iterator[Sequence[int]]:
+    """The seeds in groups of at most ``size``."""
+    for start in range(0, len(seeds), size):
+        yield seeds[start : start + size]

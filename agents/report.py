@@ -1,147 +1,311 @@
-"""What a benchmark writes: tables, figures and intervals."""
+"""Tables, files and figures of what was flown."""
 
 from __future__ import annotations
 
+import csv
+import importlib.metadata
+import json
 import math
-from collections.abc import Mapping
+import platform
+import shlex
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from types import TracebackType
+from typing import Any, NamedTuple, Self, TextIO
 
 import numpy as np
 import numpy.typing as npt
-from uwoc_gym.agents.errors import UserError
 
-from uwoc_gym import Scenario
+from uwoc_gym.agents.command import write_text
+from uwoc_gym.agents.evaluate import Series
+from uwoc_gym.scenario import Scenario
 
-if TYPE_CHECKING:
-    from uwoc_gym.agents.evaluate import Flight
-
-COLUMNS: dict[str, tuple[str, int]] = {
-    "return": ("return", 1),
-    "arrival_s": ("t_a [s]", 3),
-    "established_s": ("t_b [s]", 3),
-    "restoring_s": ("Δt [s]", 2),
-    "rmse_x_m": ("RMSE x [m]", 4),
-    "rmse_y_m": ("RMSE y [m]", 4),
-    "rmse_yaw_rad": ("RMSE yaw [rad]", 4),
-    "availability": ("availability", 4),
-    "log10_bit_rate": ("log10 B", 3),
-    "delivered_gbit": ("Gbit", 1),
-    "effort": ("effort", 4),
-    "lost": ("lost", 3),
-}
-"""Heading and decimals of each measure."""
-
-# Okabe and Ito's colours, which colour-blind readers can tell apart.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_SHIP, _LIMIT = "#666666", "#000000"
+Array = npt.NDArray[np.float64]
 
 
-class Estimate(NamedTuple):
-    """A mean over episodes with its 95 % bootstrap interval; not-a-number where no episode has a value."""
+class Measure(NamedTuple):
+    """One measure of an episode and how a table shows it."""
+
+    key: str
+    heading: str
+    digits: int
+
+
+MEASURES = (
+    Measure("return", "return", 1),
+    Measure("arrival_time_s", "t_a [s]", 2),
+    Measure("establishment_time_s", "t_b [s]", 2),
+    Measure("restoring_time_s", "Δt [s]", 2),
+    Measure("rmse_x_m", "RMSE x [m]", 4),
+    Measure("rmse_y_m", "RMSE y [m]", 4),
+    Measure("rmse_yaw_rad", "RMSE yaw [rad]", 4),
+    Measure("availability", "availability", 4),
+    Measure("mean_log10_bit_rate", "mean log10 bit rate [bit/s]", 3),
+    Measure("delivered_gbit", "delivered [Gbit]", 1),
+    Measure("effort", "effort", 4),
+    Measure("lost", "episodes lost [share]", 3),
+)
+"""The rows of the table, by the keys of an episode's row."""
+
+
+class Summary(NamedTuple):
+    """A measure over episodes: the mean of the finite values and its 95 % bootstrap interval."""
 
     mean: float
     low: float
+    """Lower end of the interval; nan where there are fewer than two finite values."""
     high: float
+    finite: int
+    """Episodes with a finite value."""
+    infinite: int
+    """Episodes with an infinite one: a link that was never restored."""
     episodes: int
 
 
-def estimate(values: npt.NDArray[np.float64], rng: np.random.Generator) -> Estimate:
-    """The mean of the finite values with a percentile bootstrap interval."""
-    finite = values[np.isfinite(values)]
-    if finite.size == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0)
+def summarise(values: npt.ArrayLike, rng: np.random.Generator) -> Summary:
+    """Mean and 95 % bootstrap interval (BCa, or percentile where BCa isn't defined) of the finite values."""
+    given = np.asarray(values, dtype=float)
+    finite = given[np.isfinite(given)]
+    counts = (finite.size, int(np.isinf(given).sum()), given.size)
+    if finite.size < 2:
+        return Summary(float(finite[0]) if finite.size else math.nan, math.nan, math.nan, *counts)
     mean = float(finite.mean())
-    if finite.size < 2 or np.ptp(finite) == 0.0:
-        return Estimate(mean, mean, mean, finite.size)
+    # Equal values, to rounding, have no spread to resample.
+    if np.ptp(finite) <= 1e-12 * np.abs(finite).max():
+        return Summary(mean, mean, mean, *counts)
     from scipy.stats import bootstrap
 
-    interval = bootstrap(
-        (finite,), np.mean, n_resamples=2000, method="percentile", rng=rng, vectorized=True
-    ).confidence_interval
-    return Estimate(mean, float(interval.low), float(interval.high), finite.size)
+    low = high = math.nan
+    for method in ("BCa", "percentile"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            result = bootstrap((finite,), np.mean, n_resamples=5000, batch=100, method=method, rng=rng)
+        low, high = (float(end) for end in result.confidence_interval)
+        if math.isfinite(low) and math.isfinite(high):
+            break
+    return Summary(mean, low, high, *counts)
 
 
-def cell(value: Estimate, decimals: int) -> str:
-    """An estimate as a table shows it."""
-    if value.episodes == 0:
-        return "–"
-    text = f"{value.mean:.{decimals}f}"
-    return text if value.low == value.high else f"{text} [{value.low:.{decimals}f}, {value.high:.{decimals}f}]"
+class Result(NamedTuple):
+    """All episodes of one policy in one scenario."""
+
+    scenario: str
+    policy: str
+    rows: list[dict[str, float]]
+    collapsed: bool
+    """Whether one episode stands for all seeds, because they don't differ."""
+
+    def summaries(self, seed: int) -> dict[str, Summary]:
+        """Each measure over the episodes; the same seed resamples alike."""
+        rng = np.random.default_rng(seed)
+        return {measure.key: summarise([row[measure.key] for row in self.rows], rng) for measure in MEASURES}
 
 
-def table(results: Mapping[str, Mapping[str, Mapping[str, Estimate]]], episodes: Mapping[str, int]) -> str:
-    """A Markdown table for each scenario: a row for each policy, a column for each measure."""
+def results_data(results: Sequence[Result], seed: int) -> list[dict[str, Any]]:
+    """The results as plain data for JSON and `table`."""
+    return [
+        {
+            "scenario": result.scenario,
+            "policy": result.policy,
+            "episodes": len(result.rows),
+            "one_episode_stands_for_all_seeds": result.collapsed,
+            "measures": {key: summary._asdict() for key, summary in result.summaries(seed).items()},
+        }
+        for result in results
+    ]
+
+
+def _cell(measure: Measure, summary: Mapping[str, Any], nobody: str = "–") -> str:
+    digits, mean = measure.digits, summary["mean"]
+    if not math.isfinite(mean):
+        return "never restored" if summary["infinite"] else nobody
+    text = f"{mean:.{digits}f}"
+    if math.isfinite(summary["low"]) and summary["episodes"] > 1:
+        text += f" [{summary['low']:.{digits}f}, {summary['high']:.{digits}f}]"
+    if summary["finite"] < summary["episodes"]:
+        text += f" ({summary['finite']} of {summary['episodes']})"
+    return text
+
+
+def table(data: Sequence[Mapping[str, Any]]) -> str:
+    """The results as Markdown: for each scenario a table with a row per measure and a column per policy."""
     parts = []
-    for scenario, policies in results.items():
-        number = episodes[scenario]
-        note = "1 episode; the scenario draws nothing" if number == 1 else f"{number} episodes, mean [95 % interval]"
-        rows = [["policy", *(heading for heading, _ in COLUMNS.values())]]
-        for policy, measures in policies.items():
-            rows.append([policy, *(cell(measures[name], decimals) for name, (_, decimals) in COLUMNS.items())])
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        lines = [
-            "| " + " | ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) + " |" for row in rows
+    for scenario in dict.fromkeys(entry["scenario"] for entry in data):
+        own = [entry for entry in data if entry["scenario"] == scenario]
+        header = ["", *(entry["policy"] for entry in own)]
+        lines = [["episodes", *(str(entry["episodes"]) for entry in own)]]
+        lines += [
+            [measure.heading, *(_cell(measure, entry["measures"][measure.key]) for entry in own)]
+            for measure in MEASURES
         ]
-        lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-        parts.append(f"### {scenario} ({note})\n\n" + "\n".join(lines))
-    return "\n\n".join(parts) + "\n"
+        text = f"### {scenario}\n\n{_grid(header, lines)}\n"
+        if any(entry["one_episode_stands_for_all_seeds"] for entry in own):
+            text += (
+                "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
+            )
+        parts.append(text)
+    parts.append(
+        "Means over episodes with 95 % bootstrap intervals in brackets. t_a: arrival in the cone; t_b: inside for "
+        "good; Δt: from leaving the cone after the first disturbance to being back for good, 0 without an outage; RMSE: from "
+        "arrival on; availability: share of time inside; effort: RMS of force over limit. (k of n): the measure "
+        "exists in k of n episodes. –: in none.\n"
+    )
+    return "\n".join(parts)
 
 
-def pyplot() -> Any:
-    """Matplotlib without a display.
+def _grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(line[i]) for line in [header, *lines]) for i in range(len(header))]
+    pad = [[f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)] for line in [header, *lines]]
+    rule = ["-" * width for width in widths]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [pad[0], rule, *pad[1:]])
 
-    Raises:
-        UserError: Matplotlib isn't installed.
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results may depend on."""
+    found = {"python": platform.python_version()}
+    for package in ("uwoc-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "torch"):
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def command_line(argv: Sequence[str] | None) -> str:
+    """The command as it would be typed again."""
+    return shlex.join(["uwoc-gym", *(sys.argv[1:] if argv is None else argv)])
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no numbers that aren't finite: they become null."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_json(path: Path, data: Mapping[str, Any]) -> None:
+    """Write a JSON file whole or not at all."""
+    write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+class EpisodesFile:
+    """A CSV file with one row per episode, which keeps what has been appended whatever happens next."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: TextIO | None = None
+        self._writer: Any = None
+
+    def __enter__(self) -> Self:
+        self._file = self._path.open("w", newline="", encoding="utf-8")
+        self._writer = csv.writer(self._file)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def append(self, scenario: str, policy: str, seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
+        """Add finished episodes."""
+        assert self._file is not None
+        if self._file.tell() == 0 and rows:
+            self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
+        for seed, row in zip(seeds, rows, strict=True):
+            self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])
+        self._file.flush()
+
+
+# Okabe and Ito's colours, which people with any kind of colour vision tell apart, with unlike dashes as a second cue.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), "-")
+_GREY = "#777777"
+
+
+def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[int, Series]]) -> None:
+    """Draw one episode of each policy: range, bit rate, pointing error and the path seen from above.
+
+    Args:
+        path: PNG file to write.
+        name: The scenario's name, for the title.
+        scenario: The scenario.
+        flown: Seed and series by policy.
     """
-    try:
-        import matplotlib as mpl
-    except ImportError:
-        raise UserError('figures need Matplotlib: pip install "uwoc-gym[benchmark]"') from None
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    return plt
+    chart = Figure(figsize=(13.0, 7.6), layout="constrained")
+    FigureCanvasAgg(chart)
+    grid = chart.add_gridspec(3, 2, width_ratios=(1.25, 1.0))
+    top = chart.add_subplot(grid[0, 0])
+    axes = (top, chart.add_subplot(grid[1, 0], sharex=top), chart.add_subplot(grid[2, 0], sharex=top))
+    above = chart.add_subplot(grid[:, 1])
+    seed, any_series = next(iter(flown.values()))
+    longest = max((series for _, series in flown.values()), key=lambda series: series.time_s.size)
+    angle = np.rad2deg(scenario.link.midpoint().value("field_of_view_rad"))
+    for i, (policy, (_, series)) in enumerate(flown.items()):
+        style: dict[str, Any] = {
+            "color": _COLOURS[i % len(_COLOURS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.5,
+            "label": policy,
+        }  # fmt: skip
+        rate = np.where(series.bit_rate_bps > 0.0, series.bit_rate_bps, np.nan)
+        axes[0].plot(series.time_s, series.range_m, **style)
+        axes[1].plot(series.time_s, np.log10(rate), **style)
+        axes[2].plot(series.time_s, np.rad2deg(series.pointing_error_rad), **style)
+        above.plot(series.pose[:, 1], series.pose[:, 0], **style)
+        above.plot(*series.pose[0, 1::-1], marker="o", color=style["color"], markersize=5)
+        if series.time_s[-1] < longest.time_s[-1] or series.pose.shape[0] <= round(
+            scenario.episode.duration_s / scenario.episode.control_period_s
+        ):
+            above.plot(*series.pose[-1, 1::-1], marker="x", color=style["color"], markersize=9, markeredgewidth=2)
+    limit: dict[str, Any] = {"color": "black", "linestyle": (0, (4, 3)), "linewidth": 1.0}
+    axes[0].axhline(any_series.slant_height_m, **limit, label="cone's slant height")
+    axes[1].axhline(np.log10(scenario.link.threshold_bit_rate_bps), **limit, label="threshold")
+    axes[2].axhline(angle, **limit, label="field of view")
+    axes[0].set_ylabel("range [m]")
+    axes[1].set_ylabel("log10 of bit rate\nin bit/s")
+    axes[2].set_ylabel("pointing error [°]")
+    axes[2].set_xlabel("time [s]")
+    for axis in axes:
+        axis.margins(x=0.0)
+        axis.grid(color="#dddddd", linewidth=0.6)
+        if np.isfinite(any_series.disturbance_s):
+            axis.axvline(any_series.disturbance_s, color=_GREY, linewidth=1.0, label="first pulse begins")
+        # The policies' colours stand below the path; here only what is this panel's own.
+        own = [line for line in axis.get_lines() if line.get_label() not in flown]
+        axis.legend(handles=own, loc="lower right" if axis is axes[1] else "upper right", fontsize=8, framealpha=0.9)
+    for axis in axes[:2]:
+        axis.tick_params(labelbottom=False)
+    axes[1].margins(y=0.12)
+    axes[2].set_ylim(bottom=0.0)
+    _draw_ship(above, scenario, longest)
+    above.set_xlabel("y [m]")
+    above.set_ylabel("x [m]")
+    above.set_aspect("equal", adjustable="datalim")
+    above.grid(color="#dddddd", linewidth=0.6)
+    above.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), fontsize=8, ncols=4, frameon=False)
+    chart.suptitle(f"{name}, seed {seed}")
+    part = path.with_name(path.name + ".part")
+    chart.savefig(part, dpi=150, format="png")
+    part.replace(path)
 
 
-def draw_flights(title: str, scenario: Scenario, flights: Mapping[str, Flight], path: Path) -> None:
-    """One picture of the first episode of each policy: range, log bit rate, pointing error, and paths."""
-    plt = pyplot()
-    link = scenario.midpoint().link
-    cone = link.cone()
-    figure, axes = plt.subplot_mosaic([["range", "path"], ["rate", "path"], ["angle", "path"]], figsize=(13, 8))
-    for (name, flight), colour in zip(flights.items(), COLOURS * 9, strict=False):
-        end = len(flight.pose)
-        time = flight.record.time_s[:end]
-        rate = flight.record.bit_rate_bps[:end, 0]
-        axes["range"].plot(time, flight.record.range_m[:end, 0], color=colour, lw=1.4, label=name)
-        axes["rate"].plot(time, np.log10(np.where(rate > 0.0, rate, np.nan)), color=colour, lw=1.4)
-        axes["angle"].plot(time, np.degrees(flight.pointing_error_rad), color=colour, lw=1.4)
-        axes["path"].plot(flight.pose[:, 1], flight.pose[:, 0], color=colour, lw=1.4, label=name)
-        axes["path"].plot(flight.pose[0, 1], flight.pose[0, 0], "o", color=colour, ms=5)
-    limits = {
-        "range": (cone.slant_height_m, "slant height of the cone", "range [m]"),
-        "rate": (math.log10(link.threshold_bit_rate_bps), "threshold", "log10 bit rate [bit/s]"),
-        "angle": (math.degrees(cone.half_angle_rad), "field of view", "pointing error [deg]"),
-    }
-    for key, (value, label, quantity) in limits.items():
-        axes[key].axhline(value, color=_LIMIT, ls="--", lw=1, label=label)
-        axes[key].set(ylabel=quantity, xlabel="time [s]" if key == "angle" else "")
-        axes[key].grid(alpha=0.3)
-    axes["range"].legend(fontsize=8, ncols=2)
-    axes["rate"].legend(fontsize=8)
-    axes["angle"].legend(fontsize=8)
-    ship = max((flight.ship_pose for flight in flights.values()), key=len)
-    axes["path"].plot(ship[:, 1], ship[:, 0], color=_SHIP, lw=1, ls=":", label="ship")
-    depth = scenario.midpoint().depth_m
-    radius = cone.footprint_radius_m(cone.height_m if depth is None else float(depth))  # type: ignore[arg-type]
-    for index in np.linspace(0, len(ship) - 1, 7).astype(int):
-        circle = plt.Circle((ship[index, 1], ship[index, 0]), radius, fill=False, color=_SHIP, lw=0.8, alpha=0.7)
-        axes["path"].add_patch(circle)
-    axes["path"].set(xlabel="y, east [m]", ylabel="x, north [m]", aspect="equal")
-    axes["path"].legend(fontsize=8, title="path; circles: the cone's footprint", title_fontsize=8)
-    axes["path"].grid(alpha=0.3)
-    figure.suptitle(title)
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+def _draw_ship(above: Any, scenario: Scenario, series: Series) -> None:
+    from matplotlib.patches import Circle
+
+    # A ring's radius follows from the cone that the episode drew.
+    radius = math.sqrt(max(series.slant_height_m**2 - series.depth_m**2, 0.0))
+    ship = series.ship_pose
+    above.plot(ship[:, 1], ship[:, 0], color="black", linewidth=1.0, label="ship", zorder=1)
+    times = series.time_s
+    for k, index in enumerate(np.linspace(0, times.size - 1, 6).round().astype(int)):
+        label = "cone's footprint, time in s" if k == 0 else None
+        centre = (ship[index, 1], ship[index, 0])
+        above.add_patch(Circle(centre, radius, facecolor="#F0E442", edgecolor=_GREY, alpha=0.35, zorder=0, label=label))
+        above.annotate(f"{times[index]:.0f}", centre, textcoords="offset points", xytext=(4, 4), fontsize=8, zorder=5)
+        above.plot(*centre, marker="^", color="black", markersize=5, zorder=4)

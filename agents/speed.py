@@ -1,120 +1,268 @@
-"""`uwoc-gym speed`: steps per second beside Gymnasium's CartPole, in alternating rounds of one run."""
+"""`uwoc-gym speed`: steps per second, side by side with Gymnasium's CartPole in the same run."""
 
 from __future__ import annotations
 
-import json
+import argparse
 import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numba
 import numpy as np
-from uwoc_gym.agents.benchmark import versions, writable
 
-from uwoc_gym import TrackingEnv
-from uwoc_gym.fleet import Fleet
-from uwoc_gym.scenario import Scenario
+from uwoc_gym.agents import report
+from uwoc_gym.agents.command import output_folder, seconds, whole
+from uwoc_gym.block import MEASURES
+from uwoc_gym.fleet import Autoreset, Fleet, _step
+from uwoc_gym.observation import SIZE
+from uwoc_gym.scenario import SCENARIOS
+from uwoc_gym.spaces import ACTION_SIZE
 
-PEER = "CartPole-v1"
-IDS = ("uwoc/Nominal-v0", "uwoc/Random-v0")
-TARGETS = {"uwoc/Nominal-v0": {1: 3.0, 64: 5.0, 1024: 1.0}, "uwoc/Random-v0": {1: 1.5, 64: 2.5, 1024: 0.5}}
-"""Ratios to the peer that the project aims at, by ID and number of environments."""
+HELP = "measure steps per second against Gymnasium's CartPole-v1"
+EXAMPLES = """\
+examples:
+  uwoc-gym speed
+  uwoc-gym speed --rounds 9 --time 1 --out speed
+"""
+
+REFERENCE = "CartPole-v1"
+ENVS = {"uwoc/Nominal-v0": 1.0, "uwoc/Random-v0": 0.5}
+"""Share of the targets that each environment is to reach."""
+TARGETS = {1: 3.0, 64: 5.0, 1024: 1.0}
+"""Wanted ratio of env-steps per second to the reference's by number of environments; 1 is the single environment."""
+
+_ACTIONS = 512
 
 
-def _single(env_id: str, steps: int) -> float:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument("--rounds", type=whole(1), default=5, metavar="N", help="rounds (default: %(default)s)")
+    parser.add_argument(
+        "--time",
+        type=seconds,
+        default=0.4,
+        metavar="S",
+        help="time per measurement and round [s] (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--sizes",
+        type=whole(1),
+        nargs="+",
+        default=[1, 64, 1024],
+        metavar="N",
+        help="numbers of environments, 1 for the single environment (default: 1 64 1024)",
+    )
+    parser.add_argument(
+        "--fleet", type=whole(1), default=65536, metavar="N", help="simulations for the memory (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="seed (default: %(default)s)")
+    parser.add_argument("--out", metavar="DIR", help="folder for results.json")
+
+
+class _Runner(NamedTuple):
+    """Takes at least so many steps and returns the environments' steps taken."""
+
+    run: Callable[[int], int]
+    close: Callable[[], None]
+
+
+def _single(env_id: str, seed: int) -> _Runner:
     env = gym.make(env_id)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    actions = [env.action_space.sample() for _ in range(997)]
-    begin = time.perf_counter()
-    for i in range(steps):
-        _, _, terminated, truncated, _ = env.step(actions[i % 997])
-        if terminated or truncated:
-            env.reset()
-    return steps / (time.perf_counter() - begin)
+    env.action_space.seed(seed)
+    actions = [env.action_space.sample() for _ in range(_ACTIONS)]
+    env.reset(seed=seed)
+
+    def run(steps: int) -> int:
+        step, reset = env.step, env.reset
+        rounds = -(-steps // _ACTIONS)
+        for _ in range(rounds):
+            for action in actions:
+                _, _, terminated, truncated, _ = step(action)
+                if terminated or truncated:
+                    reset()
+        return rounds * _ACTIONS
+
+    return _Runner(run, env.close)
 
 
-def _vector(env_id: str, size: int, steps: int) -> float:
+def _vector(env_id: str, size: int, seed: int) -> _Runner:
     env = gym.make_vec(env_id, num_envs=size, vectorization_mode="vector_entry_point")
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    actions = [env.action_space.sample() for _ in range(97)]
-    env.step(actions[0])
-    begin = time.perf_counter()
-    for i in range(steps):
-        env.step(actions[i % 97])
-    return size * steps / (time.perf_counter() - begin)
+    env.action_space.seed(seed)
+    actions = [env.action_space.sample() for _ in range(16)]
+    env.reset(seed=seed)
+
+    def run(steps: int) -> int:
+        step = env.step
+        rounds = -(-steps // (16 * size))
+        for _ in range(rounds):
+            for action in actions:
+                step(action)
+        return rounds * 16 * size
+
+    return _Runner(run, env.close)
 
 
-def _python_share(steps: int) -> float:
-    """Share of a step of `TrackingEnv` that isn't spent in compiled code or the call to it."""
-    env = TrackingEnv(scenario={"episode": {"duration_s": 1e6, "lost_distance_m": 1e9}})
-    observation, _ = env.reset(seed=0)
-    action = np.zeros(3, dtype=np.float32)
-    inner = env.raw_step()
-
-    def rate(call: Callable[[], Any]) -> float:
-        begin = time.perf_counter()
-        for _ in range(steps):
-            call()
-        return (time.perf_counter() - begin) / steps
-
-    rate(lambda: env.step(action))
-    empty = rate(lambda: None)
-    return 1.0 - (rate(lambda: inner(action, observation)) - empty) / (rate(lambda: env.step(action)) - empty)
+def _rate(runner: _Runner, steps: int) -> float:
+    begun = time.perf_counter()
+    done = runner.run(steps)
+    return done / (time.perf_counter() - begun)
 
 
-def run(rounds: int, scale: float, out: Path | None, command: str) -> dict[str, Any]:
-    """Measure, print a table, and write `results.json` if a folder is given.
+def _steps_for(runner: _Runner, duration: float) -> int:
+    """Steps that take about that long [s], from a short trial that also compiles what needs it."""
+    runner.run(1)
+    steps = 1
+    while True:
+        begun = time.perf_counter()
+        done = runner.run(steps)
+        taken = time.perf_counter() - begun
+        if taken >= 0.05 or taken >= 0.2 * duration:
+            return max(1, int(done * duration / taken))
+        steps = 4 * done
 
-    Args:
-        rounds: Rounds, in each of which every environment is timed once.
-        scale: Length of the measurements, 1 for about a second each.
-        out: Folder to write to.
-        command: The command line, for the record.
-    """
-    if out is not None:
-        writable(out)
-    sizes = (1, 64, 1024)
-    budget = {1: 60_000, 64: 6_000, 1024: 1_000}
-    rates: dict[str, dict[int, list[float]]] = {i: {n: [] for n in sizes} for i in (PEER, *IDS)}
-    for env_id in IDS:
-        # Compile, or load from the cache, before the first round.
-        _single(env_id, 5)
-        _vector(env_id, 64, 5)
-    for _ in range(rounds):
-        for n in sizes:
-            for env_id in (PEER, *IDS):
-                steps = max(5, int(budget[n] * scale))
-                rates[env_id][n].append(_single(env_id, steps) if n == 1 else _vector(env_id, n, steps))
-    medians = {i: {n: statistics.median(values) for n, values in by_size.items()} for i, by_size in rates.items()}
-    ratios = {i: {n: medians[i][n] / medians[PEER][n] for n in sizes} for i in IDS}
-    memory = Fleet(Scenario(), 65536).nbytes / 1e6
-    substeps = Scenario().episode.substeps
-    share = _python_share(max(5, int(30_000 * scale)))
 
-    print(f"{'':18} {'envs':>5} {'steps/s':>13} {'substeps/s':>13} {'ratio':>7} {'aim':>5}")
-    for env_id in (PEER, *IDS):
-        for n in sizes:
-            row = f"{env_id:18} {n:5d} {medians[env_id][n]:13,.0f}"
-            if env_id != PEER:
-                row += f" {medians[env_id][n] * substeps:13,.0f} {ratios[env_id][n]:7.2f} {TARGETS[env_id][n]:5.1f}"
-            print(row)
-    print(f"Medians of {rounds} alternating rounds, one thread; single environments through gym.make.")
-    print(f"Python's share of a single step: {share:.0%}. A fleet of 65,536 holds {memory:.0f} MB.")
-    result = {
-        "command": command,
-        "versions": versions(),
-        "steps_per_second": rates,
-        "medians": medians,
-        "ratios": ratios,
-        "targets": TARGETS,
-        "substeps": substeps,
-        "python_share": share,
-        "fleet_65536_mb": memory,
+@numba.njit
+def _many(count, state, table, splines, actions, observations, out, flags, unused):  # type: ignore[no-untyped-def]
+    for _ in range(count):
+        _step(state, table, splines, actions, observations, out, flags, unused, 0, 1)  # type: ignore[no-untyped-call]
+
+
+def _kernel_runner(name: str, seed: int) -> _Runner:
+    """A fleet of one stepped from compiled code, so that no Python runs between steps."""
+    fleet = Fleet(SCENARIOS[name], 1, Autoreset.NEXT_STEP)
+    fleet.seed(np.zeros(1, dtype=np.int64), [seed])
+    observations = np.zeros((1, SIZE), dtype=np.float32)
+    fleet.reset(observations)
+    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, (1, ACTION_SIZE)).astype(np.float32)
+    arguments = (fleet._state, fleet._table, fleet._splines, actions, observations, np.empty((MEASURES, 1)))
+    flags = np.zeros((4, 1), dtype=np.bool_)
+    unused = np.zeros((0, SIZE), dtype=np.float32)
+
+    def run(steps: int) -> int:
+        _many(steps, *arguments, flags, unused)
+        return steps
+
+    return _Runner(run, fleet.close)
+
+
+def _resident_bytes() -> int | None:
+    """The process's resident memory [bytes], where the system tells."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmRSS:")), None)
+
+
+def _memory(name: str, size: int, seed: int) -> dict[str, Any]:
+    """Memory of a fleet, counted from its arrays and seen from outside after a step."""
+    before = _resident_bytes()
+    fleet = Fleet(SCENARIOS[name], size, Autoreset.NEXT_STEP)
+    observations = np.zeros((size, SIZE), dtype=np.float32)
+    out = np.empty((MEASURES, size))
+    fleet.seed(np.arange(size), [seed + i for i in range(size)])
+    fleet.reset(observations)
+    flags = np.zeros((4, size), dtype=np.bool_)
+    fleet.step(np.zeros((size, ACTION_SIZE), dtype=np.float32), observations, out, flags)
+    after = _resident_bytes()
+    return {
+        "simulations": size,
+        "state_bytes": fleet._state.nbytes,
+        "outputs_bytes": observations.nbytes + out.nbytes,
+        "resident_growth_bytes": None if before is None or after is None else after - before,
     }
-    if out is not None:
-        (out / "results.json").write_text(json.dumps(result, indent=2))
-    return result
+
+
+def measure(args: argparse.Namespace) -> dict[str, Any]:
+    """All measurements as plain data."""
+    sizes = list(dict.fromkeys(args.sizes))
+    runners: dict[tuple[str, int], _Runner] = {}
+    for size in sizes:
+        for env_id in (REFERENCE, *ENVS):
+            runners[env_id, size] = _single(env_id, args.seed) if size == 1 else _vector(env_id, size, args.seed)
+    for env_id in ENVS:
+        runners[env_id, 0] = _kernel_runner(env_id.removeprefix("uwoc/").removesuffix("-v0"), args.seed)
+    steps = {key: _steps_for(runner, args.time) for key, runner in runners.items()}
+    rounds: dict[tuple[str, int], list[float]] = {key: [] for key in runners}
+    # In turns, so that whatever else the machine does meets all of them alike.
+    for _ in range(args.rounds):
+        for key, runner in runners.items():
+            rounds[key].append(_rate(runner, steps[key]))
+    for runner in runners.values():
+        runner.close()
+    median = {key: statistics.median(values) for key, values in rounds.items()}
+    rates = []
+    for env_id, share in ENVS.items():
+        name = env_id.removeprefix("uwoc/").removesuffix("-v0")
+        substeps = SCENARIOS[name].episode.substeps
+        for size in sizes:
+            ratios = [own / other for own, other in zip(rounds[env_id, size], rounds[REFERENCE, size], strict=True)]
+            target = TARGETS.get(size)
+            rates.append(
+                {
+                    "env": env_id,
+                    "num_envs": size,
+                    "steps_per_s": median[env_id, size],
+                    "reference_steps_per_s": median[REFERENCE, size],
+                    "ratio": statistics.median(ratios),
+                    "target_ratio": None if target is None else target * share,
+                    "integration_steps_per_s": median[env_id, size] * substeps,
+                    "rounds": rounds[env_id, size],
+                    "reference_rounds": rounds[REFERENCE, size],
+                }
+            )
+    python = [
+        {
+            "env": env_id,
+            "kernel_s": 1.0 / median[env_id, 0],
+            "step_s": 1.0 / median[env_id, 1],
+            "share": 1.0 - median[env_id, 1] / median[env_id, 0],
+        }
+        for env_id in ENVS
+        if 1 in sizes
+    ]
+    return {"reference": REFERENCE, "rates": rates, "python_at_1": python, "memory": _memory("Nominal", args.fleet, 0)}
+
+
+def _table(data: dict[str, Any]) -> str:
+    header = ["env", "envs", "steps/s", f"{REFERENCE} steps/s", "ratio", "target", "integration steps/s"]
+    lines = []
+    for row in data["rates"]:
+        target = "–" if row["target_ratio"] is None else f"≥ {row['target_ratio']:g}"
+        numbers = [f"{row[key]:,.0f}" for key in ("steps_per_s", "reference_steps_per_s")]
+        lines.append(
+            [
+                row["env"],
+                str(row["num_envs"]),
+                *numbers,
+                f"{row['ratio']:.2f}",
+                target,
+                f"{row['integration_steps_per_s']:,.0f}",
+            ]
+        )
+    text = report._grid(header, lines) + "\n\n"
+    for row in data["python_at_1"]:
+        text += (
+            f"{row['env']}, single: {1e6 * row['step_s']:.2f} µs a step, of which compiled code "
+            f"{1e6 * row['kernel_s']:.2f} µs; Python's share {row['share']:.0%}\n"
+        )
+    memory = data["memory"]
+    growth = memory["resident_growth_bytes"]
+    text += f"fleet of {memory['simulations']}: {memory['state_bytes'] / 2**20:.1f} MiB of state"
+    text += "\n" if growth is None else f", resident memory grew by {growth / 2**20:.1f} MiB with its outputs\n"
+    return text
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print; returns the exit status."""
+    folder = output_folder(args.out) if args.out else None
+    data = measure(args)
+    print(_table(data), end="")
+    if folder is not None:
+        settings = {"rounds": args.rounds, "time_s": args.time, "seed": args.seed}
+        document = {"command": args.command_line, "versions": report.versions(), "settings": settings, **data}
+        report.write_json(folder / "results.json", document)
+    return 0

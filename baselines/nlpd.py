@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from uwoc_gym.baselines.controller import Controller
 from uwoc_gym.baselines.gains import Gains
-
 from uwoc_gym.scenario import Scenario
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.nlpd import NLPDController
-
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
 

@@ -144,12 +144,13 @@ def restoring_time_s(
     back = _first(time, _inside_for_good(inside, belongs) & after & (column >= left))
     result = np.where(outside.any(axis=0), np.where(np.isnan(back), np.inf, back - left), 0.0)
     linked = np.take_along_axis(inside, after.argmax(axis=0)[None], axis=0)[0]
-    return np.where(after.any(axis=0) & linked, result, np.nan)
+    restored: Array = np.where(after.any(axis=0) & linked, result, np.nan)
+    return restored
 
 
 def tracking_error(pose: npt.ArrayLike, ship_pose: npt.ArrayLike) -> Array:
     """Ship's pose minus the AUV's in the earth frame, (..., 3) [m, m, rad], yaw wrapped to [-π, π)."""
-    error = np.asarray(ship_pose, dtype=float) - np.asarray(pose, dtype=float)
+    error: Array = np.asarray(ship_pose, dtype=float) - np.asarray(pose, dtype=float)
     error[..., 2] = (error[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
     return error
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
-from uwoc_gym.baselines.controller import gain
 
 from uwoc_gym import Scenario, SettingError
+from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
+from uwoc_gym.baselines.controller import gain
 from uwoc_gym.fleet import MEASURES, Fleet
 from uwoc_gym.observation import SIZE, scales
 

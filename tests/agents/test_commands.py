@@ -1,0 +1,279 @@
+"""The command line from end to end, in short scenarios."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uwoc_gym import ENV_IDS, Scenario
+from uwoc_gym.agents import benchmark, evaluate, report
+from uwoc_gym.agents.cli import COMMANDS, main
+from uwoc_gym.agents.command import CommandError
+
+SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 5.0}})
+
+
+class Still:
+    """A policy that does nothing and remembers how often it was asked."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Any, Any]:
+        self.calls += 1
+        return np.zeros((len(observation), 3), dtype=np.float32), state
+
+
+@pytest.fixture
+def scenario_file(tmp_path: Path) -> Path:
+    path = tmp_path / "short.json"
+    path.write_text(SHORT.to_json())
+    return path
+
+
+@pytest.fixture
+def module(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
+    made = types.ModuleType("uwoc_policies_of_a_test")
+    made.still = lambda scenario: Still()  # type: ignore[attr-defined]
+    made.nothing = lambda scenario: object()  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, made.__name__, made)
+    return made
+
+
+def _fly(scenario: Path, out: Path, *more: str) -> int:
+    return main(["benchmark", "--scenario", str(scenario), "--seeds", "3", "--batch", "2", "--out", str(out), *more])
+
+
+def _rows(out: Path) -> list[dict[str, str]]:
+    with (out / "episodes.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_benchmark_writes_what_it_prints(
+    scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _fly(scenario_file, out, "--policy", "pd", "nlpd") == 0
+    rows = _rows(out)
+    assert [(row["policy"], row["seed"]) for row in rows] == [(p, s) for p in ("pd", "nlpd") for s in "012"]
+    results = json.loads((out / "results.json").read_text())
+    assert results["finished"] is True
+    assert results["command"].startswith("uwoc-gym benchmark --scenario")
+    assert results["settings"]["seeds"] == [0, 1, 2]
+    table = (out / "table.md").read_text()
+    assert table == capsys.readouterr().out
+    for entry in results["results"]:
+        own = [float(row["return"]) for row in rows if row["policy"] == entry["policy"]]
+        summary = entry["measures"]["return"]
+        assert summary["mean"] == pytest.approx(np.mean(own))
+        assert f"{summary['mean']:.1f} [{summary['low']:.1f}, {summary['high']:.1f}]" in table
+    picture = (out / "short.png").read_bytes()
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+    assert int.from_bytes(picture[16:20], "big") > 1000
+    assert int.from_bytes(picture[20:24], "big") > 500
+
+
+def test_same_seeds_give_the_same_rows_in_any_batch(scenario_file: Path, tmp_path: Path) -> None:
+    assert _fly(scenario_file, tmp_path / "a", "--policy", "pd") == 0
+    assert _fly(scenario_file, tmp_path / "b", "--policy", "pd", "--batch", "3") == 0
+    assert (tmp_path / "a/episodes.csv").read_bytes() == (tmp_path / "b/episodes.csv").read_bytes()
+
+
+def test_a_scenario_that_draws_nothing_is_flown_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "calm.json"
+    path.write_text(Scenario().merged({"episode": {"duration_s": 5.0}}).to_json())
+    assert _fly(path, tmp_path / "out", "--policy", "pd") == 0
+    assert len(_rows(tmp_path / "out")) == 1
+    assert "every seed gives the same" in capsys.readouterr().out
+
+
+def test_control_period_changes_the_number_of_steps(scenario_file: Path, tmp_path: Path) -> None:
+    assert _fly(scenario_file, tmp_path / "out", "--policy", "pd", "--control-period", "0.1") == 0
+    assert {float(row["steps"]) for row in _rows(tmp_path / "out")} == {50.0}
+
+
+def test_interrupt_keeps_finished_episodes(
+    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    real, calls = benchmark.fly, []
+
+    def fly(*args: Any) -> Any:
+        calls.append(args)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(*args)
+
+    monkeypatch.setattr(benchmark, "fly", fly)
+    out = tmp_path / "out"
+    assert _fly(scenario_file, out, "--policy", "pd") == 130
+    assert [row["seed"] for row in _rows(out)] == ["0", "1"]
+    results = json.loads((out / "results.json").read_text())
+    assert results["finished"] is False
+    assert results["results"][0]["episodes"] == 2
+    assert "interrupted after 2 finished episodes" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_an_interrupt_before_anything_is_finished(
+    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fly(*args: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(benchmark, "fly", fly)
+    assert _fly(scenario_file, tmp_path / "out", "--policy", "pd") == 130
+    assert json.loads((tmp_path / "out/results.json").read_text())["results"] == []
+
+
+def test_policy_from_a_callable(module: types.ModuleType, scenario_file: Path, tmp_path: Path) -> None:
+    assert _fly(scenario_file, tmp_path / "out", "--policy", f"{module.__name__}:still") == 0
+    assert {float(row["effort"]) for row in _rows(tmp_path / "out")} == {0.0}
+
+
+def test_a_lost_episode_ends_alone() -> None:
+    far = Scenario().merged({"start": {"x_m": -9.0, "y_m": (-4.0, 9.0)}, "episode": {"duration_s": 30.0}})
+    policy = evaluate.Policy("still", "", lambda scenario: Still())
+    flight = evaluate.fly(policy, far, range(8))
+    lost, steps = flight.metrics.lost, flight.metrics.steps
+    assert 0 < lost.sum() < 8
+    assert ((steps < 600) == (lost > 0)).all()
+    for i in range(8):
+        alone = evaluate.fly(policy, far, [i]).metrics.rows()[0]
+        assert list(alone.values()) == pytest.approx(list(flight.metrics.rows()[i].values()), nan_ok=True, abs=0.0)
+
+
+def test_policy_from_a_saved_model(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    from uwoc_gym.sb3 import TrackingVecEnv
+
+    env = VecNormalize(TrackingVecEnv("uwoc/Random-v0", 2, seed=0))
+    net = {"net_arch": [4]}
+    for kind, model in (
+        ("PPO", PPO("MlpPolicy", env, n_steps=8, batch_size=16, policy_kwargs=net, device="cpu", seed=0)),
+        ("SAC", SAC("MlpPolicy", env, buffer_size=10, policy_kwargs=net, device="cpu", seed=0)),
+    ):
+        path = tmp_path / f"{kind}.zip"
+        model.save(path)
+        policy = evaluate.load(str(path))
+        assert kind in policy.description
+        observations = np.random.default_rng(0).normal(size=(3, 20)).astype(np.float32)
+        plain = policy.make(SHORT).predict(observations, deterministic=True)[0]
+        assert plain == pytest.approx(model.predict(observations, deterministic=True)[0], abs=1e-6)
+        env.obs_rms.mean += 0.5
+        env.save(str(tmp_path / "vecnormalize.pkl"))
+        normalised = evaluate.load(str(path)).make(SHORT).predict(observations, deterministic=True)[0]
+        wanted = model.predict(env.normalize_obs(observations), deterministic=True)[0]
+        assert normalised == pytest.approx(wanted, abs=1e-6)
+        assert evaluate.fly(policy, SHORT, [0, 1]).metrics.steps.tolist() == [100.0, 100.0]
+        (tmp_path / "vecnormalize.pkl").unlink()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["benchmark", "--policy", "nlpdd"], ["--policy", "did you mean 'nlpd'?"]),
+        (["benchmark", "--policy", "no_such_module:thing"], ["--policy", "can't be imported"]),
+        (["benchmark", "--policy", "missing.zip"], ["--policy", "no such file"]),
+        (["benchmark", "--policy", __file__], ["--policy", "not a zip file saved by Stable-Baselines3"]),
+        (["benchmark", "--scenario", "Nominl"], ["--scenario", "did you mean 'Nominal'?"]),
+        (["benchmark", "--scenario", "missing.json"], ["--scenario", "missing.json"]),
+        (["benchmark", "--scenario", __file__], ["--scenario", "JSON"]),
+        (["benchmark", "--seeds", "0"], ["--seeds", "'0'", "at least 1"]),
+        (["benchmark", "--seeds", "many"], ["--seeds", "'many'"]),
+        (["benchmark", "--seed", "-1"], ["--seed"]),
+        (["benchmark", "--control-period", "0"], ["--control-period", "above 0"]),
+        (["benchmark", "--control-period", "0.007"], ["--control-period", "multiple"]),
+        (["benchmark", "--out", f"{__file__}/out"], ["--out", "folder"]),
+        (["speed", "--rounds", "0"], ["--rounds", "at least 1"]),
+        (["speed", "--out", __file__], ["--out", "folder"]),
+        (["nonsense"], ["nonsense"]),
+        ([], ["COMMAND"]),
+    ],
+)
+def test_errors_are_one_line(options: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(options) not in (0, 130)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    for word in words:
+        assert word in captured.err
+
+
+def test_a_policy_without_predict_is_refused(
+    module: types.ModuleType, scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _fly(scenario_file, tmp_path / "out", "--policy", f"{module.__name__}:nothing") == 1
+    assert "without predict()" in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(("missing", "extra"), [("matplotlib", "benchmark"), ("tqdm", "benchmark")])
+def test_a_missing_extra_is_named(
+    missing: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import importlib.util
+
+    real = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else real(name))
+    assert main(["benchmark", "--out", str(tmp_path)]) == 1
+    assert f'pip install "uwoc-gym[{extra}]"' in capsys.readouterr().err
+
+
+def test_actions_of_another_shape_are_refused() -> None:
+    class Wrong(Still):
+        def predict(self, observation: Any, *args: Any, **kwargs: Any) -> tuple[Any, Any]:
+            return np.zeros(3, dtype=np.float32), None
+
+    with pytest.raises(CommandError, match=r"shape \(3,\)"):
+        evaluate.fly(evaluate.Policy("wrong", "", lambda scenario: Wrong()), SHORT, [0, 1])
+
+
+def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    text = capsys.readouterr().out
+    for name in (*ENV_IDS, *ENV_IDS.values(), *evaluate.POLICIES):
+        assert name in text
+
+
+@pytest.mark.parametrize("options", [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)])
+def test_help_and_version(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(options) == 0
+    assert "uwoc-gym" in capsys.readouterr().out
+
+
+def test_speed_reports_ratios(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--rounds", "1", "--time", "0.01", "--sizes", "1", "4", "--fleet", "64", "--out", str(tmp_path)]
+    assert main(["speed", *options]) == 0
+    assert "uwoc/Random-v0" in capsys.readouterr().out
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert len(results["rates"]) == 4
+    for row in results["rates"]:
+        assert row["ratio"] == pytest.approx(row["steps_per_s"] / row["reference_steps_per_s"])
+    assert results["memory"]["state_bytes"] > 0
+
+
+def test_intervals_hold_their_mean_and_skip_what_is_not_finite() -> None:
+    values = np.random.default_rng(0).normal(5.0, 1.0, 30)
+    summary = report.summarise([*values, math.nan, math.inf], np.random.default_rng(1))
+    assert summary.low < summary.mean < summary.high
+    assert summary.mean == pytest.approx(values.mean())
+    assert (summary.finite, summary.infinite, summary.episodes) == (30, 1, 32)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [([2.0, 2.0, 2.0], (2.0, 2.0, 2.0)), ([3.0], (3.0, math.nan, math.nan)), ([], (math.nan,) * 3)],
+)
+def test_intervals_of_degenerate_columns(values: list[float], expected: tuple[float, float, float]) -> None:
+    assert report.summarise(values, np.random.default_rng(0))[:3] == pytest.approx(expected, nan_ok=True)

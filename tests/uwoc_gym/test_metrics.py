@@ -1,0 +1,84 @@
+"""Measures of hand-made series whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from uwoc_gym import metrics
+
+TIME = np.arange(9) * 0.5
+
+
+def _lanes(*texts: str) -> np.ndarray:
+    """Lanes written as strings, 1 for inside the cone."""
+    return np.array([[char == "1" for char in text] for text in texts]).T
+
+
+def test_arrival_is_the_first_sample_inside() -> None:
+    inside = _lanes("000110111", "111111111", "000000000")
+    assert metrics.arrival_time_s(TIME, inside) == pytest.approx([1.5, 0.0, np.nan], nan_ok=True)
+
+
+def test_establishment_is_the_start_of_the_last_stay() -> None:
+    inside = _lanes("000110111", "111111111", "011111110")
+    assert metrics.establishment_time_s(TIME, inside) == pytest.approx([3.0, 0.0, np.nan], nan_ok=True)
+
+
+def test_samples_after_an_early_end_do_not_count() -> None:
+    inside, valid = _lanes("001100000", "000000111"), _lanes("111100000", "111110000")
+    assert metrics.arrival_time_s(TIME, inside, valid) == pytest.approx([1.0, np.nan], nan_ok=True)
+    assert metrics.establishment_time_s(TIME, inside, valid) == pytest.approx([1.0, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("lane", "disturbance", "expected"),
+    [
+        ("011111111", 1.0, 0.0),  # no outage
+        ("011100111", 1.0, 1.0),
+        ("011101011", 1.0, 1.5),  # back, out again, back for good
+        ("011111000", 1.0, np.inf),
+        ("000111111", 1.0, np.nan),  # nothing to lose when it began
+        ("011100111", np.nan, np.nan),
+        ("011100111", 9.0, np.nan),
+    ],
+)
+def test_restoring_time(lane: str, disturbance: float, expected: float) -> None:
+    assert metrics.restoring_time_s(TIME, _lanes(lane), disturbance) == pytest.approx([expected], nan_ok=True)
+
+
+def test_restoring_time_takes_a_disturbance_for_each_lane() -> None:
+    result = metrics.restoring_time_s(TIME, _lanes("011100111", "011100111"), np.array([1.0, 3.0]))
+    assert result == pytest.approx([1.0, 0.0])
+
+
+def test_tracking_error_wraps_yaw() -> None:
+    error = metrics.tracking_error([1.0, 2.0, 3.0], [4.0, 4.0, -3.0])
+    assert error == pytest.approx([3.0, 2.0, 2.0 * np.pi - 6.0])
+
+
+def test_rmse_counts_from_arrival_on() -> None:
+    error = np.zeros((4, 1, 3))
+    error[:, 0, 0] = [100.0, 3.0, 4.0, 0.0]
+    counted = metrics.since_arrival(_lanes("0100"))
+    assert metrics.rmse(error, counted)[0] == pytest.approx([np.sqrt(25.0 / 3.0), 0.0, 0.0])
+    assert np.isnan(metrics.rmse(error, metrics.since_arrival(_lanes("0000")))).all()
+
+
+def test_availability_counts_what_was_not_flown_as_outside() -> None:
+    assert metrics.availability(_lanes("1111", "0110"), _lanes("1110", "1111")) == pytest.approx([2 / 3, 2 / 3])
+
+
+def test_bit_rate_and_data() -> None:
+    rate = np.array([[1e9], [1e7], [0.0], [1e9]])
+    assert metrics.mean_log10_bit_rate(rate) == pytest.approx([25 / 3])
+    assert np.isnan(metrics.mean_log10_bit_rate(np.zeros((4, 1)))).all()
+    inside = _lanes("1001")
+    assert metrics.delivered_gbit(TIME[:4], rate, inside) == pytest.approx([0.5])
+
+
+def test_effort_is_one_at_the_limits() -> None:
+    limits = np.array([2000.0, 2000.0, 500.0])
+    force = np.stack([[limits, limits], [-limits, 0.0 * limits]], axis=0)
+    assert metrics.effort(force, limits) == pytest.approx([1.0, np.sqrt(0.5)])
+    assert metrics.effort(force, limits, _lanes("111", "110")) == pytest.approx([1.0, 1.0])
