@@ -233,16 +233,8 @@ def _table(data: dict[str, Any]) -> str:
     for row in data["rates"]:
         target = "–" if row["target_ratio"] is None else f"≥ {row['target_ratio']:g}"
         numbers = [f"{row[key]:,.0f}" for key in ("steps_per_s", "reference_steps_per_s")]
-        lines.append(
-            [
-                row["env"],
-                str(row["num_envs"]),
-                *numbers,
-                f"{row['ratio']:.2f}",
-                target,
-                f"{row['integration_steps_per_s']:,.0f}",
-            ]
-        )
+        integration = f"{row['integration_steps_per_s']:,.0f}"
+        lines.append([row["env"], str(row["num_envs"]), *numbers, f"{row['ratio']:.2f}", target, integration])
     text = report._grid(header, lines) + "\n\n"
     for row in data["python_at_1"]:
         text += (

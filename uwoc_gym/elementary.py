@@ -59,7 +59,7 @@ def _bits_to_float(typing_context: Any, value: Any) -> Any:
 
 @inlined
 def small_sincos(x: float) -> tuple[float, float]:
-    r"""Sine and cosine by their Taylor series to x⁵ and x⁶; error below \|x\|⁷/5040, 2e-16 at 0.03."""
+    r"""Sine and cosine by their Taylor series to x⁵ and x⁶; error below \|x\|⁷/5040, 5e-15 at 0.03."""
     z = x * x
     sine = x * fma(z, fma(z, 1 / 120, -1 / 6), 1.0)
     cosine = fma(z, fma(z, fma(z, -1 / 720, 1 / 24), -0.5), 1.0)
@@ -120,7 +120,7 @@ def exp(x: float) -> float:
 
 @inlined
 def atan_below_one(t: float) -> float:
-    """Arc tangent of t in [0, 1]; error below 3e-16."""
+    """Arc tangent of t in [0, 1]; error below 4e-16."""
     # Two half-angle steps bring the argument below tan(π/16), where the series is short.
     t = t / (1.0 + math.sqrt(fma(t, t, 1.0)))
     t = t / (1.0 + math.sqrt(fma(t, t, 1.0)))
@@ -146,5 +146,5 @@ def atan2(y: float, x: float) -> float:
 
 @inlined
 def wrap(angle: float) -> float:
-    """The same angle in [-π, π)."""
+    """The same angle in [-π, π), to within rounding."""
     return angle - 2.0 * math.pi * np.floor(angle * (0.5 / math.pi) + 0.5)

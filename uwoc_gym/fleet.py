@@ -100,7 +100,7 @@ from uwoc_gym.elementary import atan_below_one, exp, fma, log, sincos, wrap
 from uwoc_gym.observation import LIMIT, SIZE
 from uwoc_gym.parameters import Number
 from uwoc_gym.reward import reward_terms
-from uwoc_gym.rng import STREAM_PARAMETERS, draw
+from uwoc_gym.rng import STREAM_PARAMETERS, draw, key_from_seed
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.sea import PULSE_PARAMETERS, advance_current, apply_pulses, begin_current, mark_pulses
 from uwoc_gym.sensors import measure_errors
@@ -654,7 +654,7 @@ class Fleet:
         size: Number of simulations N.
         autoreset: What happens after an episode's end.
         max_episode_steps: Steps after which an episode is truncated; by default the scenario's duration.
-        threads: Threads that share the blocks of 64 simulations; worth it from several thousand simulations on.
+        threads: Threads that share the blocks of 32 simulations; worth it from several thousand simulations on.
 
     Raises:
         ValueError: ``size``, ``threads`` or ``max_episode_steps`` is below 1.
@@ -715,7 +715,7 @@ class Fleet:
 
     def seed(self, lanes: npt.NDArray[np.int64], seeds: list[int]) -> None:
         """Give simulations their seeds; their next reset begins episode 0."""
-        keys = np.array([_key(seed) for seed in seeds], dtype=float).reshape(-1, 2)
+        keys = np.array([key_from_seed(seed) for seed in seeds], dtype=float).reshape(-1, 2)
         self._set_row(KEY_0, lanes, keys[:, 0])
         self._set_row(KEY_1, lanes, keys[:, 1])
         self._set_row(EPISODE, lanes, -1.0)
@@ -768,6 +768,8 @@ class Fleet:
         finals: npt.NDArray[np.float32] | None = None,
     ) -> int:
         """Advance every simulation by one control period.
+
+        The arrays' shapes and types are the caller's promise: at this rate of calls they aren't checked.
 
         Args:
             actions: Shape (N, 3), float32; clipped to [-1, 1] and scaled by the actuators' limits.
@@ -889,8 +891,3 @@ MEASURE_NAMES = (
     "is_success", "reward", "terminated", "truncated",
 )  # fmt: skip
 """Names of the measures that a step writes out, in their order."""
-
-
-def _key(seed: int) -> tuple[float, float]:
-    """The 64-bit Philox key of a seed, as two floats that hold 32-bit words exactly."""
-    return float(seed & 0xFFFFFFFF), float((seed >> 32) & 0xFFFFFFFF)

@@ -130,7 +130,9 @@ class OpticalLink(Parameters):
     )
     refractive_index: Number = number(1.52, "1", "refractive index of the concentrator", low=1.0, source=PAPER)
     responsivity_a_per_w: Number = number(0.6, "A/W", "responsivity", positive=True, source=PAPER)
-    attenuation_per_m: Number = number(0.15, "1/m", "attenuation coefficient of the water", low=0.0, source=PAPER)
+    attenuation_per_m: Number = number(
+        0.15, "1/m", "attenuation coefficient of the water", low=0.0, high=100.0, source=PAPER
+    )
     filter_bandwidth_nm: Number = number(30.0, "nm", "bandwidth of the optical filter", positive=True, source=PAPER)
     solar_irradiance_w_per_m2_nm: Number = number(
         0.7645,
@@ -230,7 +232,8 @@ class OpticalLink(Parameters):
         """Signal-to-noise ratio I_b²/σ_b² at a bit rate [bit/s] (paper, eq. 11)."""
         current = np.asarray(self.photocurrent(range_m, pointing_error_rad))
         variance = np.asarray(self.noise_variance(range_m, pointing_error_rad, bit_rate_bps))
-        lit = current > 0.0
+        # Far beyond any use both underflow.
+        lit = (current > 0.0) & (variance > 0.0)
         return _like_input(np.where(lit, current**2 / np.where(lit, variance, 1.0), 0.0))
 
     def ber(

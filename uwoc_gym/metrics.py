@@ -92,6 +92,13 @@ def _inside(in_cone: npt.ArrayLike, valid: npt.ArrayLike | None) -> tuple[Mask, 
     return inside & belongs, belongs
 
 
+def _sum(values: npt.ArrayLike) -> Array:
+    """Sum over time, each simulation by itself, so that its rounding doesn't depend on how many there are."""
+    series = np.asarray(values, dtype=float)
+    rows = np.ascontiguousarray(np.moveaxis(series, 0, -1)).reshape(-1, series.shape[0])
+    return np.array([row.sum() for row in rows], dtype=float).reshape(series.shape[1:])
+
+
 def _first(time_s: Array, mask: Mask) -> Array:
     """Time of the first True of each simulation, nan if there is none."""
     return np.where(mask.any(axis=0), time_s[mask.argmax(axis=0)], np.nan)
@@ -163,7 +170,7 @@ def rmse(error: npt.ArrayLike, counted: npt.ArrayLike) -> Array:
     """
     mask = np.asarray(counted, dtype=bool)[..., None]
     number = mask.sum(axis=0)
-    total = np.where(mask, np.square(np.asarray(error, dtype=float)), 0.0).sum(axis=0)
+    total = _sum(np.where(mask, np.square(np.asarray(error, dtype=float)), 0.0))
     result: Array = np.sqrt(np.where(number > 0, total / np.maximum(number, 1), np.nan))
     return result
 
@@ -190,7 +197,7 @@ def mean_log10_bit_rate(bit_rate_bps: npt.ArrayLike, valid: npt.ArrayLike | None
     rate = np.asarray(bit_rate_bps, dtype=float)
     received, _ = _inside(rate > 0.0, valid)
     number = received.sum(axis=0)
-    total = np.log10(np.where(received, rate, 1.0)).sum(axis=0)
+    total = _sum(np.log10(np.where(received, rate, 1.0)))
     return np.where(number > 0, total / np.maximum(number, 1), np.nan)
 
 
@@ -205,8 +212,7 @@ def delivered_gbit(
     inside, _ = _inside(in_cone, valid)
     periods = np.diff(np.asarray(time_s, dtype=float))
     rate = np.where(inside, np.asarray(bit_rate_bps, dtype=float), 0.0)[1:]
-    result: Array = np.tensordot(periods, rate, axes=1) * 1e-9
-    return result
+    return _sum(periods.reshape((-1,) + (1,) * (rate.ndim - 1)) * rate) * 1e-9
 
 
 def effort(force: npt.ArrayLike, force_limits: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
@@ -219,7 +225,7 @@ def effort(force: npt.ArrayLike, force_limits: npt.ArrayLike, valid: npt.ArrayLi
     """
     share = np.square(np.asarray(force, dtype=float) / np.asarray(force_limits, dtype=float)).mean(axis=-1)
     belongs = np.ones_like(share, dtype=bool) if valid is None else np.asarray(valid, dtype=bool)[1:]
-    result: Array = np.sqrt(np.where(belongs, share, 0.0).sum(axis=0) / np.maximum(belongs.sum(axis=0), 1))
+    result: Array = np.sqrt(_sum(np.where(belongs, share, 0.0)) / np.maximum(belongs.sum(axis=0), 1))
     return result
 
 
@@ -228,7 +234,7 @@ def episode_metrics(record: EpisodeRecord) -> EpisodeMetrics:
     time, inside, valid = record.time_s, record.in_cone, record.valid
     errors = rmse(tracking_error(record.pose, record.ship_pose), since_arrival(inside, valid))
     return EpisodeMetrics(
-        return_=np.where(valid[1:], record.reward, 0.0).sum(axis=0),
+        return_=_sum(np.where(valid[1:], record.reward, 0.0)),
         steps=valid[1:].sum(axis=0).astype(float),
         arrival_time_s=arrival_time_s(time, inside, valid),
         establishment_time_s=establishment_time_s(time, inside, valid),

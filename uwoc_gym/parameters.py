@@ -180,7 +180,7 @@ class ChildSpec(_Spec):
         kinds = {each.kind: each for each in self.types}
         if "kind" not in value:
             raise SettingError(f"{where} needs a 'kind'. Valid names: {', '.join(kinds)}.")
-        if value["kind"] not in kinds:
+        if str(value["kind"]) not in kinds:
             raise SettingError(
                 f"{where}.kind = {value['kind']!r} is not allowed; {closest(str(value['kind']), list(kinds))}"
             )
@@ -202,7 +202,10 @@ class ChildSpec(_Spec):
 
 def _as_float(value: Any) -> float | None:
     if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            return None
     return None
 
 

@@ -78,8 +78,12 @@ def normal_pair(uniform0: float, uniform1: float) -> tuple[float, float]:
 def key_from_seed(seed: int) -> tuple[float, float]:
     """The 64-bit Philox key of a seed, as two floats that hold 32-bit words exactly.
 
+    Seeds below 2⁶⁴ are keys as they are, since Philox needs no scrambled ones; longer ones are hashed.
+
     Args:
         seed: Any non-negative integer.
     """
+    if seed < 2**64:
+        return float(seed & 0xFFFFFFFF), float(seed >> 32)
     words = np.random.SeedSequence(seed).generate_state(2, np.uint32)
     return float(words[0]), float(words[1])

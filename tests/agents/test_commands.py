@@ -159,10 +159,9 @@ def test_policy_from_a_saved_model(tmp_path: Path) -> None:
     from uwoc_gym.sb3 import TrackingVecEnv
 
     env = VecNormalize(TrackingVecEnv("uwoc/Random-v0", 2, seed=0))
-    net = {"net_arch": [4]}
     for kind, model in (
-        ("PPO", PPO("MlpPolicy", env, n_steps=8, batch_size=16, policy_kwargs=net, device="cpu", seed=0)),
-        ("SAC", SAC("MlpPolicy", env, buffer_size=10, policy_kwargs=net, device="cpu", seed=0)),
+        ("PPO", PPO("MlpPolicy", env, n_steps=8, batch_size=16, policy_kwargs={"net_arch": [4]}, device="cpu", seed=0)),
+        ("SAC", SAC("MlpPolicy", env, buffer_size=10, policy_kwargs={"net_arch": [4]}, device="cpu", seed=0)),
     ):
         path = tmp_path / f"{kind}.zip"
         model.save(path)

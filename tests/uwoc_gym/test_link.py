@@ -294,7 +294,7 @@ def test_ber_is_checked(ber):
         ("half_power_angle_rad", 1.6, r"\(0, 1.5\] \[rad\]"),
         ("field_of_view_rad", -0.1, r"\(0, 1.5\] \[rad\]"),
         ("refractive_index", 0.9, r"\[1, inf\) \[1\]"),
-        ("attenuation_per_m", -0.1, r"\[0, inf\) \[1/m\]"),
+        ("attenuation_per_m", -0.1, r"\[0, 100\] \[1/m\]"),
         ("water_transmittance", 1.1, r"\(0, 1\] \[1\]"),
         ("threshold_bit_rate_bps", 0.0, r"\(0, inf\) \[bit/s\]"),
         ("detector_area_m2", "big", r"\(0, inf\) \[m\^2\]"),

@@ -80,9 +80,9 @@ def test_next_step_autoreset_ignores_the_action_and_gives_no_reward():
     env.reset(seed=0)
     steps = actions(2, STEPS)
     for action in steps:
-        *_, truncated, infos = env.step(action)
+        *_, truncated, _ = env.step(action)
     assert truncated.all()
-    obs, reward, terminated, truncated, infos = env.step(np.full((2, 3), 0.9, dtype=np.float32))
+    obs, reward, terminated, truncated, _ = env.step(np.full((2, 3), 0.9, dtype=np.float32))
     assert not reward.any()
     assert not terminated.any()
     assert not truncated.any()
