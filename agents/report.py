@@ -148,7 +148,8 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
         parts.append(text)
     parts.append(
         "Means over episodes with 95 % bootstrap intervals in brackets. t_a: arrival in the cone; t_b: inside for "
-        "good; Δt: from leaving the cone after the first disturbance to being back for good, 0 without an outage; "
+        "good, or until the first disturbance; Δt: from leaving the cone after the first disturbance to being back "
+        "for good, 0 without an outage; "
         "RMSE: from arrival on; availability: share of time inside; effort: RMS of force over limit. (k of n): the "
         "measure exists in k of n episodes. –: in none.\n"
     )

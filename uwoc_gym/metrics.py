@@ -117,7 +117,10 @@ def arrival_time_s(time_s: npt.ArrayLike, in_cone: npt.ArrayLike, valid: npt.Arr
 
 
 def establishment_time_s(time_s: npt.ArrayLike, in_cone: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
-    """t_b: the time from which the AUV stays inside the cone [s]; nan if it isn't inside at the end."""
+    """t_b: the time from which the AUV stays inside the cone [s]; nan if it isn't inside at the end.
+
+    To ignore a disturbance, as the paper does, leave what comes after it out of ``valid``.
+    """
     return _first(np.asarray(time_s, dtype=float), _inside_for_good(*_inside(in_cone, valid)))
 
 
@@ -233,11 +236,14 @@ def episode_metrics(record: EpisodeRecord) -> EpisodeMetrics:
     """All measures of the episodes in a record."""
     time, inside, valid = record.time_s, record.in_cone, record.valid
     errors = rmse(tracking_error(record.pose, record.ship_pose), since_arrival(inside, valid))
+    # The paper's t_b ignores the effect of disturbances, which the restoring time measures.
+    calm_until = np.where(np.isnan(record.disturbance_s), np.inf, record.disturbance_s)
+    undisturbed = valid & (time[:, None] < calm_until)
     return EpisodeMetrics(
         return_=_sum(np.where(valid[1:], record.reward, 0.0)),
         steps=valid[1:].sum(axis=0).astype(float),
         arrival_time_s=arrival_time_s(time, inside, valid),
-        establishment_time_s=establishment_time_s(time, inside, valid),
+        establishment_time_s=establishment_time_s(time, inside, undisturbed),
         restoring_time_s=restoring_time_s(time, inside, record.disturbance_s, valid),
         rmse_x_m=errors[..., 0],
         rmse_y_m=errors[..., 1],

@@ -82,3 +82,22 @@ def test_effort_is_one_at_the_limits() -> None:
     force = np.stack([[limits, limits], [-limits, 0.0 * limits]], axis=0)
     assert metrics.effort(force, limits) == pytest.approx([1.0, np.sqrt(0.5)])
     assert metrics.effort(force, limits, _lanes("111", "110")) == pytest.approx([1.0, 1.0])
+
+
+def test_establishment_ignores_what_a_disturbance_does() -> None:
+    inside = _lanes("011100111", "011100111")
+    samples, lanes = inside.shape
+    record = metrics.EpisodeRecord(
+        time_s=TIME,
+        in_cone=inside,
+        pose=np.zeros((samples, lanes, 3)),
+        ship_pose=np.zeros((samples, lanes, 3)),
+        bit_rate_bps=np.ones((samples, lanes)),
+        force=np.zeros((samples - 1, lanes, 3)),
+        reward=np.zeros((samples - 1, lanes)),
+        valid=np.ones((samples, lanes), dtype=bool),
+        lost=np.zeros(lanes, dtype=bool),
+        disturbance_s=np.array([1.5, np.nan]),
+        force_limits=np.ones(3),
+    )
+    assert metrics.episode_metrics(record).establishment_time_s == pytest.approx([0.5, 3.0])
