@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -228,10 +227,6 @@ class TrackingEnv(gym.Env[Observation, Observation]):
     def parameters(self) -> dict[str, float]:
         """What the present episode has drawn for each number of the scenario, by its path."""
         return {path: float(values[0]) for path, values in self._fleet.drawn().items()}
-
-    def raw_step(self) -> Callable[[Observation, Observation], list[float]]:
-        """The compiled step beneath `step`, for measuring what Python adds; see `Fleet.stepper`."""
-        return self._step_fleet
 
     def close(self) -> None:
         """Nothing to free."""

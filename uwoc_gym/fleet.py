@@ -696,11 +696,6 @@ class Fleet:
             kept = min(rows, before.shape[1])
             self._state.reshape(self._blocks, rows, STRIDE)[:, :kept] = before[:, :kept]
 
-    @property
-    def nbytes(self) -> int:
-        """Memory that the simulations' state takes [bytes]."""
-        return int(self._state.nbytes)
-
     def row(self, index: int) -> Array:
         """A copy of one row of the blocks over all simulations, shape (N,)."""
         return self._by_row[:, index].reshape(-1)[: self.size].copy()
