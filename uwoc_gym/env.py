@@ -27,7 +27,7 @@ _REWARD, _TERMINATED, _TRUNCATED = (MEASURE_NAMES.index(name) for name in ("rewa
 _FLOAT32 = np.dtype(np.float32)
 _SHAPE = (ACTION_SIZE,)
 _STRIDES = (_FLOAT32.itemsize,)
-_ONE = np.zeros(1, dtype=np.int64)
+_LANE = np.zeros(1, dtype=np.int64)
 
 
 class TrackingEnv(gym.Env[Observation, Observation]):
@@ -165,7 +165,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         super().reset(seed=seed)
         if seed is not None or not self._has_seed:
             _ = self.np_random
-            self._fleet.seed(_ONE, [self.np_random_seed or 0])
+            self._fleet.seed(_LANE, [self.np_random_seed or 0])
             self._has_seed = True
         if wanted is not self._fleet.scenario:
             self._fleet.configure(wanted)

@@ -92,8 +92,6 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         self._all = np.ones(self.num_envs, dtype=bool)
         self._all.flags.writeable = False
         self._masks: dict[str, Any] = {f"_{name}": self._all for name in INFO_NAMES}
-        self._finals: Observations | None = None
-        self._current = np.zeros((self.num_envs, SIZE), dtype=np.float32)
         self._begun = False
 
     def reset(
@@ -103,8 +101,8 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
 
         Args:
             seed: Environment i gets ``seed + i``, or the i-th of a list of N.
-            options: ``pose`` and ``velocity``, of shape (3,) or (N, 3); ``scenario`` overrides; ``reset_mask``, bool
-                of shape (N,), to reset only some environments.
+            options: ``pose`` and ``velocity``, of shape (3,) or (N, 3); ``scenario`` overrides, which hold
+                until the next full reset; ``reset_mask``, bool of shape (N,), to reset only some environments.
 
         Raises:
             ValueError: An option is unknown, of the wrong shape or not finite, or there aren't N seeds.
@@ -120,14 +118,13 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
             self._fleet.configure(wanted, self._max_episode_steps)
         lanes = np.flatnonzero(mask)
         self._seed(seed, lanes)
-        observations = self._current.copy()
+        observations = np.empty((self.num_envs, SIZE), dtype=np.float32) if mask.all() else self._fleet.observe()
         self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"))
-        self._current = observations
         self._begun = True
         infos = self._present_infos()
         if not mask.all():
             infos |= {f"_{name}": mask.copy() for name in INFO_NAMES}
-        return observations.copy(), infos
+        return observations, infos
 
     def _reset_mask(self, mask: Any) -> npt.NDArray[np.bool_]:
         if mask is None:
@@ -184,7 +181,6 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         flags = np.empty((4, self.num_envs), dtype=np.bool_)
         finals = np.empty_like(observations) if self._same_step else None
         ends = self._fleet.step(given, observations, out, flags, finals)
-        self._current = observations
         terminated, truncated, in_cone, success = flags
         if not ends or finals is None:
             return observations, out[_REWARD], terminated, truncated, self._infos(out, in_cone, success)

@@ -93,7 +93,9 @@ def test_disabled_autoreset_resets_by_mask_only():
     env = make(3, AutoresetMode.DISABLED)
     env.reset(seed=0)
     for action in actions(3, STEPS):
-        before = env.step(action)[0]
+        last = env.step(action)[0]
+    before = last.copy()
+    last[:] = np.nan
     with pytest.raises(RuntimeError, match=r"simulations \[0, 1, 2\] have ended"):
         env.step(np.zeros((3, 3), dtype=np.float32))
     after, infos = env.reset(options={"reset_mask": np.array([True, False, True])})
