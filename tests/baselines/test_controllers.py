@@ -286,3 +286,17 @@ def test_nlpd_reproduces_the_published_nlpd_row() -> None:
     assert arrival == pytest.approx(2.315, abs=0.0051)
     assert rmse == pytest.approx([0.0596, 0.1197, 0.0408], rel=0.005)
     assert largest < 1.0
+
+
+def test_one_gain_set_per_observation():
+    observations = np.random.default_rng(5).uniform(-1, 1, (3, 20)).astype(np.float32)
+    names = ("paper-pd", "paper-pd-plain", "paper-nlpd")
+    together = Controller(names).force(observations)
+    for i, name in enumerate(names):
+        np.testing.assert_array_equal(together[i], Controller(name).force(observations[i]))
+
+
+@pytest.mark.parametrize("bad", [[], [1.0], 3])
+def test_refuses_what_is_no_gain_set(bad):
+    with pytest.raises(SettingError, match=r"gains = .* is not allowed; it must be a Gains"):
+        Controller(bad)
