@@ -10,7 +10,13 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-EXTRAS = {"matplotlib": "benchmark", "tqdm": "benchmark", "stable_baselines3": "agents"}
+EXTRAS = {
+    "matplotlib": "benchmark",
+    "tqdm": "benchmark",
+    "stable_baselines3": "agents",
+    "optuna": "calibrate",
+    "cmaes": "calibrate",
+}
 """Which extra of this package brings a module."""
 
 
