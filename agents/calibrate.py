@@ -17,8 +17,8 @@ from uwoc_gym.agents.command import output_folder, require, whole, write_text
 from uwoc_gym.agents.evaluate import Flight, Policy, fly
 from uwoc_gym.agents.search import Dimension, Tried, search
 from uwoc_gym.baselines import Controller, Gains, gains
-from uwoc_gym.baselines.paper import PUBLISHED, SCENARIOS, Row, sampled_as_published
-from uwoc_gym.metrics import rmse, since_arrival, tracking_error
+from uwoc_gym.baselines.paper import PUBLISHED, SCENARIOS, Row, sampled_as_published, without_coriolis
+from uwoc_gym.metrics import since_arrival, tracking_error
 from uwoc_gym.scenario import Scenario
 
 HELP = "search for what the paper doesn't give: the NLPD's exponents, and the noise and pulse of its two cases"
@@ -72,7 +72,14 @@ class _Problem(NamedTuple):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument("target", choices=("nlpd", "case-1", "case-2"), help="what to search for")
-    parser.add_argument("--trials", type=whole(1), metavar="N", help="points to try in all (default: 4000; cases 2500)")
+    parser.add_argument(
+        "--variant",
+        choices=("found", "printed"),
+        default="found",
+        help="the cases' PD: without feedforward on a plant without Coriolis terms, as its nominal row was found to "
+        "be, or as printed (default: %(default)s)",
+    )
+    parser.add_argument("--trials", type=whole(1), metavar="N", help="points to try in all (default: 4000; cases 1500)")
     parser.add_argument(
         "--batch", type=whole(2), default=64, metavar="N", help="points to try at a time (default: %(default)s)"
     )
@@ -88,11 +95,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Search and report; returns the exit status."""
     require("optuna", "cmaes", "tqdm")
-    problem = nlpd_problem() if args.target == "nlpd" else case_problem(args.target)
+    problem = nlpd_problem() if args.target == "nlpd" else case_problem(args.target, args.variant)
     folder = output_folder(args.out)
     found = search(
         folder,
-        {"target": args.target, "seed": args.seed},
+        {"target": args.target, "variant": args.variant, "seed": args.seed},
         problem.box,
         problem.evaluate,
         trials=args.trials or problem.trials,
@@ -108,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
         "finished": found.finished,
         "versions": report.versions(),
         "target": args.target,
+        "variant": args.variant,
         "trials": found.trials,
         "seed": args.seed,
         "score": found.best.score,
@@ -171,11 +179,12 @@ def _many(laws: Sequence[Gains]) -> Policy:
     return Policy("candidates", "one gain set per simulation", lambda scenario: Controller(laws, scenario))
 
 
-def case_problem(case: str) -> _Problem:
-    """Pulse, noise levels and RMSE window with which both printed laws come nearest to a case's two rows.
+def case_problem(case: str, variant: str) -> _Problem:
+    """Pulse, noise levels and RMSE window with which PD and NLPD come nearest to a case's two rows.
 
-    One setting serves both controllers. The score is the mean over both rows of the squared relative differences of
-    RMSE and arrival, and of the restoring time's difference over PD's.
+    One setting serves both controllers, of which the NLPD is the printed one on the full plant. The score is the mean
+    over both rows of the squared relative differences of RMSE and arrival, and of the restoring time's difference over
+    PD's.
     """
     ranges = {
         "sea": {
@@ -188,16 +197,19 @@ def case_problem(case: str) -> _Problem:
         },
         "episode": {"duration_s": CASE_DURATION_S},
     }
-    scenario = sampled_as_published(Scenario.named(SCENARIOS[case]).merged(ranges))
+    full = sampled_as_published(Scenario.named(SCENARIOS[case]).merged(ranges))
+    pd_side = (gains("paper-pd"), full) if variant == "printed" else (gains("paper-pd-plain"), without_coriolis(full))
+    sides = (pd_side, (gains("paper"), full))
     wanted = np.array([PUBLISHED[case, name] for name in ("PD", "NLPD")])
 
     def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
         n, k = len(points), len(NOISE_SEEDS)
-        # Lanes run over controllers, then points, then noise seeds.
-        laws = [gains(name) for name in ("paper-pd", "paper-nlpd") for _ in range(n * k)]
-        settings = {name: np.tile(np.repeat([point[name] for point in points], k), 2) for name in _CASE_BOX}
-        flight = fly(_many(laws), scenario, list(NOISE_SEEDS) * n * 2, settings)
-        return [case_score(row, wanted) for row in np.moveaxis(window_rows(flight).reshape(-1, 2, n, k, 5), 2, 0)]
+        settings = {name: np.repeat([point[name] for point in points], k) for name in _CASE_BOX}
+        rows = [
+            window_rows(fly(_many([law] * n * k), scenario, list(NOISE_SEEDS) * n, settings)).reshape(-1, n, k, 5)
+            for law, scenario in sides
+        ]
+        return [case_score(row, wanted) for row in np.moveaxis(np.stack(rows, axis=1), 2, 0)]
 
     def scenario_text(best: Tried) -> str:
         values = best.values
@@ -210,7 +222,7 @@ def case_problem(case: str) -> _Problem:
     return _Problem(
         _CASE_BOX,
         evaluate,
-        2500,
+        1500,
         lambda best: {
             "published": {name: PUBLISHED[case, name]._asdict() for name in ("PD", "NLPD")},
             "flown": best.outcome,
@@ -233,11 +245,16 @@ def window_rows(flight: Flight) -> Array:
     rows = np.empty((len(WINDOWS), error.shape[1], 5))
     rows[..., 3] = flight.metrics.arrival_time_s
     rows[..., 4] = flight.metrics.restoring_time_s
+    # Running sums: a window is a difference of two of them, where `metrics.rmse` would sum each of hundreds anew.
+    counted = arrived & record.valid
+    squares = np.cumsum(np.where(counted[..., None], np.square(error), 0.0), axis=0)
+    number = np.cumsum(counted, axis=0)
     for w, (start, end) in enumerate(WINDOWS):
-        inside = (time >= (0.0 if math.isnan(start) else start)) & (time <= end)
-        first, last = int(inside.argmax()), int(np.flatnonzero(inside)[-1]) + 1
-        counted = arrived[first:last] & record.valid[first:last]
-        rows[w, :, :3] = rmse(error[first:last], counted)
+        last = int(np.searchsorted(time, end + 1e-9)) - 1
+        first = -1 if math.isnan(start) else int(np.searchsorted(time, start - 1e-9)) - 1
+        total = squares[last] - (squares[first] if first >= 0 else 0.0)
+        samples = number[last] - (number[first] if first >= 0 else 0)
+        rows[w, :, :3] = np.sqrt(np.where(samples > 0, total.T / np.maximum(samples, 1), np.nan)).T
     return rows
 
 

@@ -64,7 +64,7 @@ POLICIES: dict[str, Policy] = {
         _scripted(
             "paper-pd-plain", "pd-plain", "the same gains without feedforward, as the paper's PD numbers suggest"
         ),
-        _scripted("paper-nlpd", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
+        _scripted("paper", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
     )
 }
 """The named policies."""

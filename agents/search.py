@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -95,12 +96,7 @@ def search(
         done = [trial for trial in disk.trials if trial.state.is_finished()]
         # A session samples in memory, since SQLite takes longer for a trial than the simulator does.
         draws = seed + len(done)
-        chosen: optuna.samplers.BaseSampler
-        if sampler == "cma-es":
-            chosen = optuna.samplers.CmaEsSampler(seed=draws, popsize=batch)
-        else:
-            chosen = optuna.samplers.TPESampler(seed=draws, multivariate=True, constant_liar=True)
-        study = optuna.create_study(direction=direction, sampler=chosen)
+        study = optuna.create_study(direction=direction, sampler=_sampler(sampler, draws, batch))
         study.add_trials(done)
     if not done:
         for point in begin:
@@ -126,6 +122,17 @@ def search(
         raise CommandError("interrupted before the first batch was finished; nothing was found.")
     best = study.best_trial
     return Found(Tried(dict(best.params), float(best.values[0]), dict(best.user_attrs)), len(complete), finished)
+
+
+def _sampler(name: str, seed: int, batch: int) -> Any:
+    import optuna
+
+    if name == "cma-es":
+        # Smaller populations than these say too little about the shape of the ground.
+        return optuna.samplers.CmaEsSampler(seed=seed, popsize=max(batch, 8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
 
 
 def _open(folder: Path, described: dict[str, Any], direction: str, resume: bool) -> Any:

@@ -93,6 +93,11 @@ def sampled_as_published(scenario: Scenario) -> Scenario:
     return scenario.merged({"episode": {"control_period_s": SAMPLING_TIME_S}})
 
 
+def without_coriolis(scenario: Scenario) -> Scenario:
+    """The scenario on a plant without Coriolis terms: the one on which the published PD row comes out."""
+    return scenario.merged({"vehicle": {"coriolis": False}})
+
+
 def _in_earth_frame(diagonal: Array, yaw: Array) -> Array:
     """R diag R^T for the rotation by yaw: shape (..., 3, 3) from (..., 3) and (...)."""
     cosine, sine, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
