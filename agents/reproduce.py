@@ -581,8 +581,8 @@ def _calibrated_blocks(results: Mapping[str, Any]) -> list[Block]:
             "What follows isn't the paper's setting: pulse, noise and RMSE window were searched (“uwoc-gym calibrate "
             "case-1” and “case-2”) so that PD and NLPD come as near as they can to the published rows, with one "
             "setting per case. The PD is the one of the published nominal row, without feedforward and on a plant "
-            "without Coriolis terms: its error behind the moving ship is what lets the pulse push it out where the NLPD "
-            "stays in. The differences that remain say how far the tables are from what this model gives."
+            "without Coriolis terms: its error behind the moving ship is what lets the pulse push it out where the "
+            "NLPD stays in. The differences that remain say how far the tables are from what this model gives."
         ),
     ]
     for case, found in results["calibrated"].items():
