@@ -10,7 +10,14 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-EXTRAS = {"matplotlib": "benchmark", "tqdm": "benchmark", "stable_baselines3": "agents"}
+EXTRAS = {
+    "matplotlib": "benchmark",
+    "tqdm": "benchmark",
+    "stable_baselines3": "agents",
+    "sb3_contrib": "agents",
+    "tensorboard": "agents",
+    "yaml": "agents",
+}
 """Which extra of this package brings a module."""
 
 
