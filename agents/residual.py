@@ -1,6 +1,6 @@
 """Residual actions: the agent corrects what a controller would do.
 
-    applied = clip(controller(observation) + scale · action, −1, 1)
+applied = clip(controller(observation) + scale · action, −1, 1)
 """
 
 from __future__ import annotations
