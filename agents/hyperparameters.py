@@ -60,13 +60,13 @@ OWN: dict[str, Any] = {
     "noise_std": 0.1,
     "residual": None,
     "residual_scale": 0.5,
-    "scenario": {},
-    "control_period_s": None,
+    "env_kwargs": {},
 }
 """Settings that aren't the algorithm's own, with their defaults.
 
-``scenario`` overrides the scenario in training alone, ``control_period_s`` in evaluation too; ``residual`` is a gain set
-that the agent corrects by ``residual_scale``. The others mean what they mean in rl-baselines3-zoo.
+``env_kwargs`` are arguments of the environment; ``env_kwargs.scenario`` overrides the scenario in training alone, the
+others hold in evaluation too. ``residual`` names the gains of a controller that the agent corrects by
+``residual_scale``; these two are all that rl-baselines3-zoo doesn't know.
 """
 
 _NOT_SETTINGS = {
@@ -198,11 +198,9 @@ def _own(key: str, value: Any) -> Any:
             if number == 0.0:
                 raise _NotAllowedError("a number in (0, 2]")
             return number
-        case "control_period_s":
-            return None if value is None else _number(value, 0.0, math.inf)
-        case "scenario":
+        case "env_kwargs":
             if value is not None and not isinstance(value, dict):
-                raise _NotAllowedError("a mapping of overrides of the scenario")
+                raise _NotAllowedError("a mapping of arguments of the environment")
             return value or {}
         case "policy":
             if not isinstance(value, str):
@@ -354,3 +352,9 @@ def _torch(key: str, value: Any) -> Any:
     if not inspect.isclass(found):
         raise CommandError(f"policy_kwargs.{key} = {value!r} is not allowed; it must be a class such as nn.ReLU.")
     return found
+
+
+def written(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings as they stand in a file, without what the defaults say anyway, so that the zoo reads it too."""
+    always = ("n_envs", "n_timesteps", "policy")
+    return {key: value for key, value in values.items() if key in always or key not in OWN or value != OWN[key]}

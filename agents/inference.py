@@ -7,8 +7,6 @@ normalisation, then stacked frames, and a controller that it corrects.
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import importlib.util
 import json
 import pickle
 from collections.abc import Callable, Mapping
@@ -229,7 +227,7 @@ def load_normaliser(path: Path) -> Callable[[Any], Any]:
 
 
 def normaliser_path(model: Path) -> Path:
-    """Where the statistics of a model stand: vecnormalize.pkl beside model.zip, last.vecnormalize.pkl beside last.zip."""
+    """Where a model's statistics stand: in last.vecnormalize.pkl for last.zip, else in vecnormalize.pkl beside it."""
     own = model.with_name(f"{model.stem}.vecnormalize.pkl")
     return own if own.is_file() else model.with_name("vecnormalize.pkl")
 

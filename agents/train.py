@@ -27,6 +27,9 @@ examples:
   uwoc-gym benchmark --policy nlpd runs/ppo --scenario Random
 """
 
+PERIODS = ("control_period_s", "integration_step_s")
+"""The arguments of our environments, besides ``scenario``, that settings may hold."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
@@ -136,8 +139,8 @@ def _plan(args: argparse.Namespace, recorded: dict[str, Any] | None) -> Any:
     found = _gains(values["residual"])
     task = _task(base, args.scenario, values, known.get("scenario"))
     if task is None:
-        for key in ("scenario", "control_period_s", "residual"):
-            if values[key] or (key == "scenario" and args.scenario):
+        for key, given in (("--scenario", args.scenario), ("residual", values["residual"])):
+            if given:
                 raise CommandError(f"{key} is not allowed for {env_id!r}, which isn't one of this package's.")
     episodes = args.eval_episodes or known.get("eval_episodes", 32)
     if episodes > len(VALIDATION):
@@ -157,7 +160,7 @@ def _plan(args: argparse.Namespace, recorded: dict[str, Any] | None) -> Any:
     try:
         _ = plan.practice
     except SettingError as error:
-        raise CommandError(f"the setting 'scenario' is not allowed: {error}") from None
+        raise CommandError(f"env_kwargs.scenario is not allowed: {error}") from None
     return plan
 
 
@@ -215,11 +218,17 @@ def _task(base: Any, overrides: str | None, values: dict[str, Any], recorded: An
             base = base.merged(_scenario_overrides(overrides))
         elif recorded is not None:
             base = type(base).from_dict(recorded)
-        if values["control_period_s"] is not None:
-            base = base.merged({"episode": {"control_period_s": values["control_period_s"]}})
     except SettingError as error:
         raise CommandError(f"--scenario: {error}") from None
-    return base
+    given = dict(values["env_kwargs"])
+    given.pop("scenario", None)
+    for key in given:
+        if key not in PERIODS:
+            raise CommandError(f"env_kwargs has {key!r}, which is not known; {closest(key, ['scenario', *PERIODS])}")
+    try:
+        return base.merged({"episode": given})
+    except SettingError as error:
+        raise CommandError(f"env_kwargs: {error}") from None
 
 
 def _scenario_overrides(given: str) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from stable_baselines3.common.utils import set_random_seed
 from uwoc_gym.agents import checkpoint, inference, report, vec_env
 from uwoc_gym.agents.command import CommandError, write_text
 from uwoc_gym.agents.evaluate import POLICIES, Policy, fly
-from uwoc_gym.agents.hyperparameters import ALGORITHMS, constructor_arguments
+from uwoc_gym.agents.hyperparameters import ALGORITHMS, constructor_arguments, written
 from uwoc_gym.agents.seeds import VALIDATION, training_seed
 from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.scenario import Scenario
@@ -53,7 +53,8 @@ class Plan:
     @property
     def practice(self) -> Scenario | None:
         """What is trained on."""
-        return self.task.merged(self.values["scenario"]) if self.task is not None else None
+        overrides = self.values["env_kwargs"].get("scenario")
+        return self.task.merged(overrides or {}) if self.task is not None else None
 
     def to_dict(self) -> dict[str, Any]:
         """The plan as plain data, by which a resumed run is compared with the one in the folder."""
@@ -123,7 +124,7 @@ class Run:
         values = plan.values
         first = training_seed(plan.seed, self.progress.seeds_used)
         self.progress.seeds_used += values["n_envs"]
-        base = vec_env.make_base(plan.env_id, values["n_envs"], plan.practice)
+        base = vec_env.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
         controller = Controller(plan.gains, plan.practice) if plan.gains is not None and plan.practice else None
         statistics = str(resume / "vecnormalize.pkl") if resume is not None and values["normalize"] else None
         env, self.monitor, self.statistics = vec_env.wrapped(
@@ -206,7 +207,7 @@ class Run:
         if not (self.folder / "run.json").is_file():
             report.write_json(self.folder / "run.json", document)
         # Keyed as a settings file is, so that it can be trained with again.
-        text = yaml.safe_dump({plan.env_id.rpartition(":")[2]: plan.values}, sort_keys=False)
+        text = yaml.safe_dump({plan.env_id.rpartition(":")[2]: written(plan.values)}, sort_keys=False)
         write_text(self.folder / "settings.yaml", f"# {self._kind.name}; written by: {self.command}\n{text}")
         described = inference.describe(plan.env_id, plan.algorithm, plan.values, plan.task, plan.gains)
         report.write_json(self.folder / inference.DESCRIPTION, described)
@@ -458,7 +459,7 @@ def _finite(value: Any) -> Any:
 def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[dict[str, float]]:
     """Episodes of an environment that isn't ours, one at a time."""
     rows = []
-    env = gym.make(plan.env_id)
+    env = gym.make(plan.env_id, **plan.values["env_kwargs"])
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
         memory, stacked, total, begun, over = None, None, 0.0, np.ones(1, dtype=bool), False

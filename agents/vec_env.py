@@ -16,8 +16,8 @@ from uwoc_gym.agents.residual import check_actions, checked_scale, corrected
 from uwoc_gym.baselines import Controller
 from uwoc_gym.observation import LINK_IN_CONE
 from uwoc_gym.parameters import SettingError
-from uwoc_gym.scenario import Scenario
 from uwoc_gym.sb3 import TrackingVecEnv
+from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import action_space
 
 
@@ -85,13 +85,13 @@ class EpisodeMonitor(VecEnvWrapper):
         observations, rewards, dones, infos = self.venv.step_wait()
         self._sums += rewards
         self._lengths += 1.0
+        seen: Any = observations
         if self._in_cone:
-            assert isinstance(observations, np.ndarray)
-            self._inside += observations[:, LINK_IN_CONE]
+            self._inside += seen[:, LINK_IN_CONE]
         for i in np.flatnonzero(dones).tolist():
             if self._in_cone:
                 # The observation is already the next episode's.
-                last = infos[i]["terminal_observation"][LINK_IN_CONE] - observations[i, LINK_IN_CONE]  # type: ignore[index]
+                last = infos[i]["terminal_observation"][LINK_IN_CONE] - seen[i, LINK_IN_CONE]
                 self.availabilities.append(float((self._inside[i] + last) / self._lengths[i]))
             self.returns.append(float(self._sums[i]))
             infos[i]["episode"] = {"r": float(self._sums[i]), "l": int(self._lengths[i])}
@@ -123,17 +123,30 @@ def base_scenario(env_id: str) -> Scenario | None:
     return scenario
 
 
-def make_base(env_id: str, n_envs: int, scenario: Scenario | None) -> VecEnv:
+def make_base(env_id: str, n_envs: int, scenario: Scenario | None, env_kwargs: Mapping[str, Any]) -> VecEnv:
     """The bare environments: a fleet where ours can be had, else Stable-Baselines3's own loop over copies.
+
+    Args:
+        env_id: Environment ID.
+        n_envs: Number of environments.
+        scenario: The scenario to train on; None for environments of others.
+        env_kwargs: Arguments of environments of others.
 
     Raises:
         CommandError: The environment can't be made.
     """
     if scenario is not None:
-        period = scenario.episode.control_period_s
-        return TrackingVecEnv(env_id, n_envs, scenario=scenario, control_period_s=period)
+        episode = scenario.episode
+        # Both periods again, since the ID's own arguments would go before the scenario's.
+        return TrackingVecEnv(
+            env_id,
+            n_envs,
+            scenario=scenario,
+            control_period_s=episode.control_period_s,
+            integration_step_s=episode.integration_step_s,
+        )
     try:
-        return DummyVecEnv([lambda: gym.make(env_id) for _ in range(n_envs)])
+        return DummyVecEnv([lambda: gym.make(env_id, **env_kwargs) for _ in range(n_envs)])
     except (gym.error.Error, TypeError, ValueError, ImportError) as error:
         raise CommandError(f"--env {env_id!r} can't be made: {error}") from None
 
