@@ -136,7 +136,7 @@ def assigned(algorithm: str, values: Mapping[str, Any], assignments: Sequence[st
             raise CommandError(f"--set {text!r} is not allowed; it must be key=value.")
         level = result
         for parent in parents:
-            inner = level.setdefault(parent, {})
+            inner = level[parent] = _plain(level.get(parent, {}))
             if not isinstance(inner, dict):
                 # What is no mapping gives way to one, as with normalize=true before normalize.norm_reward=false.
                 inner = level[parent] = {}

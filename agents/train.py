@@ -137,9 +137,10 @@ def _plan(args: argparse.Namespace, recorded: dict[str, Any] | None) -> Any:
         values, _ = hyperparameters.resolve(algorithm, env_id, path=own_file)
     values = _overridden(args, algorithm, values)
     found = _gains(values["residual"])
-    task = _task(base, args.scenario, values, known.get("scenario"))
+    overrides = _scenario_overrides(args.scenario) if args.scenario is not None else known.get("overrides", {})
+    task = _task(base, overrides, values)
     if task is None:
-        for key, given in (("--scenario", args.scenario), ("residual", values["residual"])):
+        for key, given in (("--scenario", overrides), ("residual", values["residual"])):
             if given:
                 raise CommandError(f"{key} is not allowed for {env_id!r}, which isn't one of this package's.")
     episodes = args.eval_episodes or known.get("eval_episodes", 32)
@@ -152,6 +153,7 @@ def _plan(args: argparse.Namespace, recorded: dict[str, Any] | None) -> Any:
         seed=seed,
         values=values,
         task=task,
+        overrides=overrides,
         gains=found,
         eval_every=every,
         eval_episodes=episodes,
@@ -209,15 +211,12 @@ def _gains(given: Any) -> Gains | None:
         raise CommandError(f"residual = {given!r} is not allowed: {error}") from None
 
 
-def _task(base: Any, overrides: str | None, values: dict[str, Any], recorded: Any) -> Any:
+def _task(base: Any, overrides: dict[str, Any], values: dict[str, Any]) -> Any:
     """The scenario to evaluate in: the environment's with what is given merged in."""
     if base is None:
         return None
     try:
-        if overrides is not None:
-            base = base.merged(_scenario_overrides(overrides))
-        elif recorded is not None:
-            base = type(base).from_dict(recorded)
+        base = base.merged(overrides)
     except SettingError as error:
         raise CommandError(f"--scenario: {error}") from None
     given = dict(values["env_kwargs"])

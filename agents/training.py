@@ -44,6 +44,8 @@ class Plan:
     """Checked settings."""
     task: Scenario | None
     """What is evaluated, and trained on but for the settings' own overrides; None for environments of others."""
+    overrides: dict[str, Any]
+    """What the command line changes in the scenario; goes before the settings' own overrides."""
     gains: Gains | None
     """The controller that the agent corrects, if any."""
     eval_every: int
@@ -53,8 +55,9 @@ class Plan:
     @property
     def practice(self) -> Scenario | None:
         """What is trained on."""
-        overrides = self.values["env_kwargs"].get("scenario")
-        return self.task.merged(overrides or {}) if self.task is not None else None
+        if self.task is None:
+            return None
+        return self.task.merged(self.values["env_kwargs"].get("scenario") or {}).merged(self.overrides)
 
     def to_dict(self) -> dict[str, Any]:
         """The plan as plain data, by which a resumed run is compared with the one in the folder."""
@@ -63,6 +66,7 @@ class Plan:
             "env": self.env_id,
             "seed": self.seed,
             "settings": self.values,
+            "overrides": self.overrides,
             "scenario": self.task.to_dict() if self.task is not None else None,
             "eval_every": self.eval_every,
             "eval_episodes": self.eval_episodes,
@@ -330,12 +334,14 @@ class _Watch(BaseCallback):
         self._count(learning=False)
 
     def _on_step(self) -> bool:
-        now = time.perf_counter()
+        run, now = self._run, time.perf_counter()
         self._bar.update(self.model.num_timesteps - self._bar.n)
         if now - self._shown > 0.5:
             self._shown = now
             self._bar.set_postfix_str(self._text(), refresh=False)
         if self._asked:
+            # This step is counted but not yet stored.
+            self.model.num_timesteps -= run.env.num_envs
             self._stop()
         return True
 

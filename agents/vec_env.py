@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
@@ -105,13 +107,17 @@ def base_scenario(env_id: str) -> Scenario | None:
     Raises:
         CommandError: There is no environment of that ID.
     """
+    module, _, bare = env_id.rpartition(":")
+    # Console scripts, unlike `python -m`, don't look in the working folder.
+    sys.path.insert(0, "")
     try:
-        gym.spec(env_id)
-        if ":" in env_id:
-            # The part before the colon is only imported when something is made.
-            gym.envs.registration._find_spec(env_id)
+        if module:
+            importlib.import_module(module)
+        gym.spec(bare)
     except (gym.error.Error, ImportError) as error:
         raise CommandError(f"--env {env_id!r} is not allowed: {error}") from None
+    finally:
+        sys.path.remove("")
     try:
         env = TrackingVecEnv(env_id, 1)
     except SettingError as error:
