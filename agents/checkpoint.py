@@ -53,10 +53,9 @@ def write(folder: Path, fill: Callable[[Path], None]) -> Path:
         _flush(part)
         part.rename(target)
         _flush(folder)
-    # PyTorch reports a full disk as a RuntimeError.
-    except (OSError, RuntimeError) as error:
+    except OSError as error:
         shutil.rmtree(part, ignore_errors=True)
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error).splitlines()[0]
+        reason = error.strerror or error
         kept = f"{last} is whole" if last else "there is none before it"
         raise CommandError(f"checkpoint {target} can't be written: {reason}; {kept}.") from error
     for path in _whole(folder):

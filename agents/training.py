@@ -485,8 +485,12 @@ def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[d
 
 def _save_model(model: Any, path: Path) -> None:
     # Stable-Baselines3 would add a suffix to a path; a file it takes as it is.
-    with path.open("wb") as file:
-        model.save(file)
+    try:
+        with path.open("wb") as file:
+            model.save(file)
+    except RuntimeError as error:
+        # So PyTorch reports a full disk.
+        raise OSError(f"{path} can't be written: {str(error).splitlines()[0]}") from error
 
 
 def _arrays(buffer: Any) -> dict[str, Any]:
