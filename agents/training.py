@@ -488,9 +488,10 @@ def _save_model(model: Any, path: Path) -> None:
     try:
         with path.open("wb") as file:
             model.save(file)
-    except RuntimeError as error:
-        # So PyTorch reports a full disk.
-        raise OSError(f"{path} can't be written: {str(error).splitlines()[0]}") from error
+    except (OSError, RuntimeError) as error:
+        # PyTorch reports a full disk as a RuntimeError, and an error in writing doesn't name the file.
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error).splitlines()[0]
+        raise OSError(f"{path} can't be written: {reason}") from error
 
 
 def _arrays(buffer: Any) -> dict[str, Any]:
