@@ -8,7 +8,7 @@ import json
 import math
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -90,7 +90,7 @@ POLICIES: dict[str, Policy] = {
         _scripted(
             "paper-pd-plain", "pd-plain", "the same gains without feedforward, as the paper's PD numbers suggest"
         ),
-        _scripted("paper-nlpd", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
+        _scripted("paper", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
     )
 } | shipped()
 """The named policies: scripted controllers and shipped agents."""
@@ -254,6 +254,8 @@ class Flight:
     record: EpisodeRecord
     series: Series
     """The first episode."""
+    extra: dict[str, Array]
+    """Further entries of the true state that were asked for, each of shape (T + 1, N, ...)."""
 
 
 def _disturbances(parameters: dict[str, Array], size: int) -> Array:
@@ -265,19 +267,33 @@ def _disturbances(parameters: dict[str, Array], size: int) -> Array:
 _RECORDED = ("in_cone", "pose", "ship_pose", "bit_rate_bps")
 
 
-def fly(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Flight:
+def fly(
+    policy: Policy,
+    scenario: Scenario,
+    seeds: Sequence[int],
+    parameters: Mapping[str, npt.ArrayLike] | None = None,
+    extra: Sequence[str] = (),
+) -> Flight:
     """Fly one episode per seed, all together, on observations alone.
 
+    Args:
+        policy: What decides.
+        scenario: What is flown.
+        seeds: Seeds of the N episodes.
+        parameters: Numbers to take instead of drawing them, as in `TrackingVectorEnv.reset`.
+        extra: Names of entries of `TrackingVectorEnv.state` to record besides what the measures need.
+
     Raises:
+        ValueError: One of ``parameters`` isn't allowed.
         CommandError: The policy gives actions of another shape or that aren't finite.
     """
     size, steps = len(seeds), scenario.episode.steps
     predictor = policy.make(scenario)
     # After its end a simulation begins anew, which is ignored: the others still need their steps.
     env = TrackingVectorEnv(size, scenario)
-    observations, _ = env.reset(seed=list(seeds))
+    observations, _ = env.reset(seed=list(seeds), options={"parameters": parameters})
     state = env.state()
-    tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in _RECORDED}
+    tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in (*_RECORDED, *extra)}
     first = {name: np.zeros(steps + 1) for name in ("range_m", "pointing_error_rad")}
     force, reward = np.zeros((steps, size, 3)), np.zeros((steps, size))
     valid = np.zeros((steps + 1, size), dtype=bool)
@@ -307,7 +323,7 @@ def fly(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Flight:
     env.close()
     record = EpisodeRecord(
         time_s=np.arange(steps + 1, dtype=np.float64) * scenario.episode.control_period_s,
-        **tracks,
+        **{name: tracks[name] for name in _RECORDED},
         force=force,
         reward=reward,
         valid=valid,
@@ -327,7 +343,13 @@ def fly(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Flight:
         depth_m=depth,
         disturbance_s=float(disturbance[0]),
     )
-    return Flight(seeds=tuple(seeds), metrics=episode_metrics(record), record=record, series=series)
+    return Flight(
+        seeds=tuple(seeds),
+        metrics=episode_metrics(record),
+        record=record,
+        series=series,
+        extra={name: tracks[name] for name in extra},
+    )
 
 
 def _checked(policy: Policy, actions: Any, size: int) -> npt.NDArray[np.float32]:

@@ -140,7 +140,7 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
             [measure.heading, *(_cell(measure, entry["measures"][measure.key]) for entry in own)]
             for measure in MEASURES
         ]
-        text = f"### {scenario}\n\n{_grid(header, lines)}\n"
+        text = f"### {scenario}\n\n{grid(header, lines)}\n"
         if any(entry["one_episode_stands_for_all_seeds"] for entry in own):
             text += (
                 "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
@@ -156,7 +156,8 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(parts)
 
 
-def _grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+def grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table with its columns lined up."""
     widths = [max(len(line[i]) for line in [header, *lines]) for i in range(len(header))]
     pad = [[f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)] for line in [header, *lines]]
     rule = ["-" * width for width in widths]
@@ -188,9 +189,14 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def json_text(data: Mapping[str, Any]) -> str:
+    """The data as JSON, in which numbers that aren't finite are null."""
+    return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
     """Write a JSON file whole or not at all."""
-    write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json_text(data))
 
 
 class EpisodesFile:
@@ -223,8 +229,8 @@ class EpisodesFile:
 
 
 # Okabe and Ito's colours, which people with any kind of colour vision tell apart, with unlike dashes as a second cue.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), "-")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), "-")
 _GREY = "#777777"
 
 
@@ -251,7 +257,7 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
     angle = np.rad2deg(scenario.link.midpoint().value("field_of_view_rad"))
     for i, (policy, (_, series)) in enumerate(flown.items()):
         style: dict[str, Any] = {
-            "color": _COLOURS[i % len(_COLOURS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.5,
+            "color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)], "linewidth": 1.5,
             "label": policy,
         }  # fmt: skip
         rate = np.where(series.bit_rate_bps > 0.0, series.bit_rate_bps, np.nan)
