@@ -10,13 +10,15 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import benchmark, calibrate, listing, report, reproduce, speed
+from uwoc_gym.agents import benchmark, calibrate, listing, report, reproduce, single, speed, train
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.parameters import SettingError
 
 COMMANDS: dict[str, ModuleType] = {
     "list": listing,
     "benchmark": benchmark,
+    "evaluate": single,
+    "train": train,
     "calibrate": calibrate,
     "reproduce": reproduce,
     "speed": speed,

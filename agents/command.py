@@ -14,6 +14,9 @@ EXTRAS = {
     "matplotlib": "benchmark",
     "tqdm": "benchmark",
     "stable_baselines3": "agents",
+    "sb3_contrib": "agents",
+    "tensorboard": "agents",
+    "yaml": "agents",
     "optuna": "calibrate",
     "cmaes": "calibrate",
 }

@@ -167,7 +167,7 @@ def grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results may depend on."""
     found = {"python": platform.python_version()}
-    for package in ("uwoc-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "torch"):
+    for package in ("uwoc-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch"):
         try:
             found[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
@@ -299,6 +299,45 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
     chart.suptitle(f"{name}, seed {seed}")
     part = path.with_name(path.name + ".part")
     chart.savefig(part, dpi=150, format="png")
+    part.replace(path)
+
+
+def learning_curve(
+    path: Path, title: str, evaluations: Sequence[Mapping[str, Any]], baselines: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Draw mean return and availability over training steps, with the controllers' scores as horizontal lines.
+
+    Args:
+        path: PNG file to write.
+        title: What stands above.
+        evaluations: ``steps`` and, by measure, summaries as plain data.
+        baselines: By controller, summaries on the same episodes.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    shown = [key for key in ("return", "availability") if evaluations and key in evaluations[-1]] or ["return"]
+    chart = Figure(figsize=(6.5 * len(shown), 4.5), layout="constrained")
+    FigureCanvasAgg(chart)
+    steps = [each["steps"] for each in evaluations]
+    for column, key in enumerate(shown):
+        axis = chart.add_subplot(1, len(shown), column + 1)
+        mean, low, high = (
+            np.array([math.nan if each[key][end] is None else each[key][end] for each in evaluations], dtype=float)
+            for end in ("mean", "low", "high")
+        )
+        axis.fill_between(steps, low, high, color=_COLOURS[0], alpha=0.2, linewidth=0.0)
+        axis.plot(steps, mean, color=_COLOURS[0], marker="o", markersize=3, label="agent")
+        for i, (name, scores) in enumerate(baselines.items(), start=1):
+            style: dict[str, Any] = {"color": _COLOURS[i % len(_COLOURS)], "linestyle": _DASHES[i % len(_DASHES)]}
+            axis.axhline(scores[key]["mean"], label=name, **style)
+        axis.set_xlabel("steps")
+        axis.set_ylabel(f"{key}, mean and 95 % interval")
+        axis.grid(color="#dddddd", linewidth=0.6)
+        axis.legend(loc="lower right", fontsize=8)
+    chart.suptitle(title)
+    part = path.with_name(path.name + ".part")
+    chart.savefig(part, dpi=120, format="png")
     part.replace(path)
 
 
