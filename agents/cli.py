@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import benchmark, calibrate, listing, report, reproduce, single, speed, train
+from uwoc_gym.agents import benchmark, calibrate, listing, report, reproduce, single, speed, train, tune
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.parameters import SettingError
 
@@ -19,6 +19,7 @@ COMMANDS: dict[str, ModuleType] = {
     "benchmark": benchmark,
     "evaluate": single,
     "train": train,
+    "tune": tune,
     "calibrate": calibrate,
     "reproduce": reproduce,
     "speed": speed,

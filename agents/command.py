@@ -17,8 +17,8 @@ EXTRAS = {
     "sb3_contrib": "agents",
     "tensorboard": "agents",
     "yaml": "agents",
-    "optuna": "calibrate",
-    "cmaes": "calibrate",
+    "optuna": "tune",
+    "cmaes": "tune",
 }
 """Which extra of this package brings a module."""
 

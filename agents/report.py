@@ -326,10 +326,10 @@ def learning_curve(
             np.array([math.nan if each[key][end] is None else each[key][end] for each in evaluations], dtype=float)
             for end in ("mean", "low", "high")
         )
-        axis.fill_between(steps, low, high, color=_COLOURS[0], alpha=0.2, linewidth=0.0)
-        axis.plot(steps, mean, color=_COLOURS[0], marker="o", markersize=3, label="agent")
+        axis.fill_between(steps, low, high, color=COLOURS[0], alpha=0.2, linewidth=0.0)
+        axis.plot(steps, mean, color=COLOURS[0], marker="o", markersize=3, label="agent")
         for i, (name, scores) in enumerate(baselines.items(), start=1):
-            style: dict[str, Any] = {"color": _COLOURS[i % len(_COLOURS)], "linestyle": _DASHES[i % len(_DASHES)]}
+            style: dict[str, Any] = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
             axis.axhline(scores[key]["mean"], label=name, **style)
         axis.set_xlabel("steps")
         axis.set_ylabel(f"{key}, mean and 95 % interval")
