@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import benchmark, calibrate, listing, report, reproduce, single, speed, train, tune
+from uwoc_gym.agents import benchmark, calibrate, listing, protocol, report, reproduce, single, speed, train, tune
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.parameters import SettingError
 
@@ -20,6 +20,7 @@ COMMANDS: dict[str, ModuleType] = {
     "evaluate": single,
     "train": train,
     "tune": tune,
+    "protocol": protocol,
     "calibrate": calibrate,
     "reproduce": reproduce,
     "speed": speed,

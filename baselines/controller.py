@@ -58,7 +58,7 @@ class Controller:
 
     def __init__(self, gains: str | Gains | Sequence[str | Gains], scenario: str | Scenario = "Nominal") -> None:
         several: Sequence[Any] | None = gains if isinstance(gains, Sequence) and not isinstance(gains, str) else None
-        given = [gains] if several is None else several
+        given: Sequence[Any] = [gains] if several is None else several
         if not given or not all(isinstance(each, (str, Gains)) for each in given):
             raise SettingError(
                 f"gains = {gains!r} is not allowed; it must be a Gains, the name of a gain set, or a sequence of them."
