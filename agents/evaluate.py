@@ -91,6 +91,8 @@ POLICIES: dict[str, Policy] = {
             "paper-pd-plain", "pd-plain", "the same gains without feedforward, as the paper's PD numbers suggest"
         ),
         _scripted("paper", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
+        _scripted("tuned-pd", "pd-tuned", "the PD law with gains searched for the return in Random"),
+        _scripted("tuned-nlpd", "nlpd-tuned", "the NLPD law with gains searched for the return in Random"),
     )
 } | shipped()
 """The named policies: scripted controllers and shipped agents."""

@@ -1,0 +1,99 @@
+"""The protocol from end to end with short trainings, and what is shipped from it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from stable_baselines3 import PPO, TD3
+
+from uwoc_gym import Scenario
+from uwoc_gym.agents import protocol, report
+from uwoc_gym.agents.cli import main
+from uwoc_gym.agents.evaluate import load, shipped
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """Two groups of two short trainings each, flown through a short scenario."""
+    root = tmp_path_factory.mktemp("protocol")
+    scenario = root / "short.json"
+    scenario.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 3.0}}).to_json())
+    groups = {
+        "ppo": protocol.Group(
+            ("--algorithm", "ppo", "--envs", "4", "--set", "n_steps=16", "--set", "batch_size=32",
+             "--eval-episodes", "2"), 10,
+        ),
+        "td3": protocol.Group(("--algorithm", "td3", "--envs", "2", "--eval-episodes", "2"), 5),
+    }  # fmt: skip
+    words = ["protocol", "--groups", "ppo", "td3", "--training-seeds", "2", "--steps", "128", "--seeds", "6"]
+    words += ["--scenario", str(scenario), "--runs", str(root / "runs"), "--ship", str(root / "trained")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(protocol, "GROUPS", groups)
+        assert main([*words, "--out", str(root / "out")]) == 0
+        stamps = {path: path.stat().st_mtime_ns for path in (root / "runs").glob("*/model.zip")}
+        assert main([*words, "--out", str(root / "again")]) == 0
+        assert stamps == {path: path.stat().st_mtime_ns for path in (root / "runs").glob("*/model.zip")}
+    return root
+
+
+def test_every_policy_is_compared_with_the_reference(flown):
+    results = json.loads((flown / "out/results.json").read_text())
+    own = results["scenarios"]["short"]
+    assert set(own) == {*protocol.CONTROLLERS, "ppo", "td3"}
+    assert own["ppo"]["trainings"] == 2
+    assert own["ppo"]["episodes"] == 6
+    assert own["nlpd-tuned"]["difference"]["value"] == 0.0
+    assert own["ppo"]["difference"]["high"] < 0.0
+    scores = np.load(flown / "out/scores.npz")
+    expected = scores["short/ppo/return"] - scores["short/nlpd-tuned/return"]
+    assert own["ppo"]["difference"]["value"] == pytest.approx(expected.mean())
+    assert scores["short/ppo/return"].shape == (2, 6)
+
+
+def test_same_runs_give_the_same_numbers(flown):
+    one, two = (json.loads((flown / name / "results.json").read_text())["scenarios"] for name in ("out", "again"))
+    assert one == two
+
+
+def test_text_and_figure(flown):
+    text = (flown / "out/BENCHMARK.md").read_text()
+    assert "## short" in text
+    for measure in report.MEASURES:
+        assert f"| {measure.heading}" in text
+    assert "`uwoc-gym train --algorithm td3" in text
+    assert (flown / "out/profile-short.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_shipped_agents_decide_as_the_best_runs_and_load_with_plain_sb3(flown):
+    observations = np.random.default_rng(0).uniform(-1, 1, (5, 20)).astype(np.float32)
+    found = shipped(flown / "trained")
+    for name, kind in (("ppo", PPO), ("td3", TD3)):
+        scores = {}
+        for seed in range(2):
+            run = flown / f"runs/{name}-{seed}"
+            scores[run] = json.loads((run / "results.json").read_text())["best"]["return"]["mean"]
+        best = max(scores, key=scores.get)
+        expected, _ = load(str(best)).make(Scenario()).predict(observations, deterministic=True)
+        actions, _ = found[name].make(Scenario()).predict(observations, deterministic=True)
+        np.testing.assert_array_equal(actions, expected)
+        plain = kind.load(flown / f"trained/{name}/model.zip", device="cpu")
+        np.testing.assert_array_equal(plain.predict(observations, deterministic=True)[0], expected)
+        assert (flown / f"trained/{name}/model.zip").stat().st_size < (best / "model.zip").stat().st_size
+
+
+def test_a_failed_training_is_named(tmp_path, capsys, monkeypatch):
+    broken = protocol.Group(("--algorithm", "ppo", "--set", "n_stps=4"), 1)
+    monkeypatch.setattr(protocol, "GROUPS", {"ppo": broken})
+    words = ["protocol", "--groups", "ppo", "--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out")]
+    assert main(words) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "a training failed" in error
+    assert "ppo-0" in error
+    assert "did you mean 'n_steps'" in error
+
+
+def test_refuses_more_seeds_than_are_held_out(tmp_path, capsys):
+    assert main(["protocol", "--seeds", "201", "--runs", str(tmp_path), "--out", str(tmp_path)]) == 1
+    assert "there are 200 held-out seeds" in capsys.readouterr().err
