@@ -95,8 +95,8 @@ class TrackingEnv(gym.Env[Observation, Observation]):
 
     ## Starting State
 
-    The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal`, `CurrentPulse` and `MassError`; near
-    the ship, with everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y, yaw), "velocity": (surge,
+    The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal`, `CurrentPulse`, `MassError` and
+    `StrongPulse`; near the ship, with everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y, yaw), "velocity": (surge,
     sway, yaw rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame] and merges overrides for one
     episode.
 

@@ -176,6 +176,7 @@ SCENARIOS: dict[str, Scenario] = {
     "Nominal": Scenario(),
     "CurrentPulse": Scenario(sea=_PULSE),
     "MassError": Scenario(sea=_PULSE, vehicle=Vehicle(mass_scale=1.2)),
+    "StrongPulse": Scenario(sea=Sea(pulses=(Pulse(force_x_n=1500.0, force_y_n=1500.0, moment_nm=1500.0),))),
     "Random": Scenario(
         vehicle=Vehicle(mass_scale=(0.8, 1.2), damping_scale=(0.8, 1.2)),
         ship=(
@@ -234,4 +235,4 @@ SCENARIOS: dict[str, Scenario] = {
         episode=EpisodeSettings(duration_s=60.0),
     ),
 }
-"""The named scenarios: the paper's nominal run, Case I, Case II, and one that draws everything each episode."""
+"""The named scenarios: the paper's nominal run, Case I, Case II, a stronger Case I, and one that draws everything."""
