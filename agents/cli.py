@@ -10,13 +10,15 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import benchmark, listing, report, speed
+from uwoc_gym.agents import benchmark, listing, record, report, speed, watch
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.parameters import SettingError
 
 COMMANDS: dict[str, ModuleType] = {
     "list": listing,
     "benchmark": benchmark,
+    "watch": watch,
+    "record": record,
     "speed": speed,
 }
 """Module of each command, which has HELP, EXAMPLES, add_arguments(parser) and run(args)."""

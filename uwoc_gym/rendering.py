@@ -93,7 +93,6 @@ class Renderer:
         self._unit = min(self.size[0] / self._layout.width, self.size[1] / 720)
         pygame.font.init()
         self.surface = pygame.Surface(self.size, 0, 32)
-        self._fonts: dict[int, pygame.font.Font] = {}
         self._texts: dict[tuple[str, int, Colour], pygame.Surface] = {}
         self._kept: dict[Any, pygame.Surface] = {}
         self._rows = np.zeros((256, len(_COLUMNS)))
@@ -181,13 +180,7 @@ class Renderer:
         if key not in self._texts:
             if len(self._texts) > 600:
                 self._texts.clear()
-            pixels = self._px(size)
-            if pixels not in self._fonts:
-                self._fonts[pixels] = pygame.font.Font(None, 3 * pixels)
-            # Small letters are set unevenly; set large and shrunk they aren't.
-            large = self._fonts[pixels].render(text, True, colour)
-            width, height = large.get_size()
-            self._texts[key] = pygame.transform.smoothscale(large, (max(1, width // 3), max(1, height // 3)))
+            self._texts[key] = text_image(text, self._px(size), colour)
         return self._texts[key]
 
     def _write(
@@ -640,6 +633,19 @@ _SHIP_HULL = np.array(
      [1.15, -0.28]]
 )  # fmt: skip
 _SHIP_CABIN = np.array([[0.15, 0.26], [-0.75, 0.26], [-0.75, -0.26], [0.15, -0.26]])
+
+
+_FONTS: dict[int, pygame.font.Font] = {}
+
+
+def text_image(text: str, pixels: int, colour: Colour) -> pygame.Surface:
+    """A line of text in pygame's own font, which looks the same everywhere."""
+    if pixels not in _FONTS:
+        _FONTS[pixels] = pygame.font.Font(None, 3 * pixels)
+    # Small letters are set unevenly; set large and shrunk they aren't.
+    large = _FONTS[pixels].render(text, True, colour)
+    width, height = large.get_size()
+    return pygame.transform.smoothscale(large, (max(1, width // 3), max(1, height // 3)))
 
 
 def _pulses(parameters: Mapping[str, float]) -> list[tuple[float, float, str]]:
