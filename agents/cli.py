@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import benchmark, listing, record, report, speed, watch
+from uwoc_gym.agents import benchmark, listing, record, replay, report, speed, watch
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.parameters import SettingError
 
@@ -19,6 +19,7 @@ COMMANDS: dict[str, ModuleType] = {
     "benchmark": benchmark,
     "watch": watch,
     "record": record,
+    "replay": replay,
     "speed": speed,
 }
 """Module of each command, which has HELP, EXAMPLES, add_arguments(parser) and run(args)."""

@@ -223,7 +223,7 @@ class EpisodesFile:
 
 
 # Okabe and Ito's colours, which people with any kind of colour vision tell apart, with unlike dashes as a second cue.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), "-")
 _GREY = "#777777"
 
@@ -251,7 +251,7 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
     angle = np.rad2deg(scenario.link.midpoint().value("field_of_view_rad"))
     for i, (policy, (_, series)) in enumerate(flown.items()):
         style: dict[str, Any] = {
-            "color": _COLOURS[i % len(_COLOURS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.5,
+            "color": COLOURS[i % len(COLOURS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.5,
             "label": policy,
         }  # fmt: skip
         rate = np.where(series.bit_rate_bps > 0.0, series.bit_rate_bps, np.nan)

@@ -23,6 +23,7 @@ with warnings.catch_warnings():
     import pygame.gfxdraw
 
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.sea import DrawnPulse, drawn_pulses
 from uwoc_gym.spaces import FRAME, check_render_size
 
 Array = npt.NDArray[np.float64]
@@ -118,8 +119,8 @@ class Renderer:
         self._radius = self._link.cone().footprint_radius_m(self._depth) or 0.0
         self._threshold = math.log10(self._link.threshold_bit_rate_bps)
         self._best = math.log10(max(float(self._link.bit_rate(self._depth, 0.0)), 10.0 ** (self._threshold + 0.1)))
-        self._pulses = _pulses(parameters)
-        self._notes: list[tuple[float, float, str]] = []
+        self._pulses = drawn_pulses(parameters)
+        self._notes: list[DrawnPulse] = []
         self._kept.clear()
         self._texts.clear()
         self._camera: Array | None = None
@@ -145,7 +146,7 @@ class Renderer:
     def note(self, text: str, duration_s: float = 1.0) -> None:
         """Show a few words in the scene for so long from now [s]."""
         now = float(self._state["time_s"])
-        self._notes.append((now, now + duration_s, text))
+        self._notes.append(DrawnPulse(now, now + duration_s, text))
 
     def frame(self) -> Frame:
         """The picture of the last state recorded, shape (height, width, 3)."""
@@ -646,19 +647,6 @@ def text_image(text: str, pixels: int, colour: Colour) -> pygame.Surface:
     large = _FONTS[pixels].render(text, True, colour)
     width, height = large.get_size()
     return pygame.transform.smoothscale(large, (max(1, width // 3), max(1, height // 3)))
-
-
-def _pulses(parameters: Mapping[str, float]) -> list[tuple[float, float, str]]:
-    """Begin, end and words for each pulse that an episode has drawn."""
-    found = []
-    for k in range(len(parameters)):
-        own = {name: parameters.get(f"sea.pulses[{k}].{name}") for name in ("start_s", "duration_s")}
-        if own["start_s"] is None or own["duration_s"] is None:
-            break
-        force = [parameters.get(f"sea.pulses[{k}].{name}", 0.0) for name in ("force_x_n", "force_y_n", "moment_nm")]
-        words = f"pulse: {force[0]:.0f} N, {force[1]:.0f} N, {force[2]:.0f} N m"
-        found.append((own["start_s"], own["start_s"] + own["duration_s"], words))
-    return found
 
 
 def _rate_words(rate: float) -> str:
