@@ -12,6 +12,9 @@ from uwoc_gym.agents.command import CommandError, whole
 from uwoc_gym.agents.evaluate import Policy, load, load_scenario
 from uwoc_gym.scenario import Scenario
 
+# Before anything imports pygame, which greets on the standard output otherwise.
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+
 
 class Episode(NamedTuple):
     """One episode and who flies it."""

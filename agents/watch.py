@@ -27,7 +27,7 @@ SHOVE = 600.0
 """Impulse of a shove [N s], and its part about yaw [N m s] over three."""
 _FPS = 30.0
 _SPEEDS = (0.125, 32.0)
-_KEYS = "space: pause   ↑ ↓: speed   ← →: shove   N: next seed   R: again   Q: quit"
+_KEYS = "space: pause   up/down: speed   left/right: shove   N: next seed   R: again   Q: quit"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

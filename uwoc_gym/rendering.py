@@ -57,18 +57,29 @@ class NoDisplayError(RuntimeError):
 
 
 class _Layout(NamedTuple):
-    """Where things are, in units of which a frame is 1280 by 720 or, if it is upright, 640 by 720."""
+    """Where things are in a frame of so many units; the scene takes what is left over."""
 
-    width: int
-    header: int
-    scene: tuple[int, int, int, int]
-    above: tuple[int, int, int, int]
-    bars: tuple[int, int, int, int]
-    charts: tuple[int, int, int, int]
+    upright: bool
+    width: float
+    header: float
+    scene: tuple[float, float, float, float]
+    above: tuple[float, float, float, float]
+    bars: tuple[float, float, float, float]
+    charts: tuple[float, float, float, float]
 
 
-_WIDE = _Layout(1280, 52, (0, 52, 776, 668), (784, 60, 304, 304), (1096, 60, 176, 304), (784, 372, 488, 340))
-_UPRIGHT = _Layout(640, 88, (0, 88, 640, 270), (8, 366, 218, 218), (8, 592, 218, 120), (234, 366, 398, 346))
+def _layout(size: tuple[int, int]) -> tuple[_Layout, float]:
+    """Places of a frame's parts, and pixels per unit; a frame below 4 to 3 gets the upright arrangement."""
+    upright = size[0] * 3 < size[1] * 4
+    unit = min(size[0] / (640 if upright else 1280), size[1] / 720)
+    w, h = size[0] / unit, size[1] / unit
+    if upright:
+        y = h - 354
+        places = (0, 88, w, y - 96), (8, y, 218, 218), (8, y + 226, 218, 120), (234, y, w - 242, 346)
+        return _Layout(True, w, 88, *places), unit
+    x = w - 496
+    places = (0, 52, x - 8, h - 52), (x, 60, 304, 304), (x + 312, 60, 176, 304), (x, 372, 488, h - 380)
+    return _Layout(False, w, 52, *places), unit
 
 
 class Renderer:
@@ -76,7 +87,7 @@ class Renderer:
 
     Args:
         scenario: The scenario flown.
-        size: Width and height [px]; an upright one, below 4 to 3, gets a layout of its own.
+        size: Width and height [px]; an upright one, below 4 to 3, is arranged differently.
         title: What the header says first.
         accent: Colour of the AUV and its trail.
 
@@ -90,8 +101,7 @@ class Renderer:
         self.size = check_render_size(size)
         self.title = title
         self.accent = accent
-        self._layout = _WIDE if self.size[0] * 3 >= self.size[1] * 4 else _UPRIGHT
-        self._unit = min(self.size[0] / self._layout.width, self.size[1] / 720)
+        self._layout, self._unit = _layout(self.size)
         pygame.font.init()
         self.surface = pygame.Surface(self.size, 0, 32)
         self._texts: dict[tuple[str, int, Colour], pygame.Surface] = {}
@@ -170,11 +180,8 @@ class Renderer:
         return max(1, round(units * self._unit))
 
     def _rect(self, units: Sequence[float]) -> pygame.Rect:
-        # What the layout's shape leaves over goes to both sides.
-        left = (self.size[0] - self._layout.width * self._unit) / 2
-        top = (self.size[1] - 720 * self._unit) / 2
-        x, y, width, height = (value * self._unit for value in units)
-        return pygame.Rect(round(left + x), round(top + y), round(width), round(height))
+        x, y, width, height = (round(value * self._unit) for value in units)
+        return pygame.Rect(x, y, width, height)
 
     def _text(self, text: str, size: int, colour: Colour = _TEXT) -> pygame.Surface:
         key = (text, size, colour)
@@ -199,7 +206,7 @@ class Renderer:
     # The header.
 
     def _draw_header(self) -> None:
-        upright = self._layout is _UPRIGHT
+        upright = self._layout.upright
         whole = self._rect((0, 0, self._layout.width, self._layout.header))
         pygame.draw.rect(self.surface, _PANEL, whole)
         pygame.draw.line(self.surface, _EDGE, whole.bottomleft, whole.bottomright)
@@ -533,7 +540,7 @@ class Renderer:
         tick = math.ceil(begin / 5.0) * 5.0
         while tick <= begin + WINDOW_S:
             x = plot.left + (tick - begin) / WINDOW_S * plot.width
-            if plot.left + self._px(8) < x < plot.right - self._px(50):
+            if plot.left + self._px(8) < x < plot.right - self._px(84):
                 self._write(f"{tick:.0f}", 19, (x, rect.bottom), _DIM, "midbottom")
             tick += 5.0
         self._write("time [s]", 19, (plot.right, rect.bottom), _DIM, "bottomright")
