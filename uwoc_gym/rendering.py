@@ -75,11 +75,13 @@ def _layout(size: tuple[int, int]) -> tuple[_Layout, float]:
     w, h = size[0] / unit, size[1] / unit
     if upright:
         y = h - 354
-        places = (0, 88, w, y - 96), (8, y, 218, 218), (8, y + 226, 218, 120), (234, y, w - 242, 346)
-        return _Layout(True, w, 88, *places), unit
+        return _Layout(
+            True, w, 88, (0, 88, w, y - 96), (8, y, 218, 218), (8, y + 226, 218, 120), (234, y, w - 242, 346)
+        ), unit
     x = w - 496
-    places = (0, 52, x - 8, h - 52), (x, 60, 304, 304), (x + 312, 60, 176, 304), (x, 372, 488, h - 380)
-    return _Layout(False, w, 52, *places), unit
+    return _Layout(
+        False, w, 52, (0, 52, x - 8, h - 52), (x, 60, 304, 304), (x + 312, 60, 176, 304), (x, 372, 488, h - 380)
+    ), unit
 
 
 class Renderer:
@@ -437,7 +439,7 @@ class Renderer:
         if ring > 0:
             pygame.draw.circle(self.surface, _WHITE, square.center, ring, self._px(2))
         bow = place(0.8 * np.cos(ship[2]), 0.8 * np.sin(ship[2]))
-        pygame.draw.line(self.surface, _WHITE, square.center, bow, self._px(2))
+        pygame.draw.line(self.surface, _WHITE, square.center, bow.tolist(), self._px(2))
         pygame.draw.circle(self.surface, _WHITE, square.center, self._px(4))
         pygame.draw.circle(self.surface, (0, 0, 0), square.center, self._px(2))
         rows = self._recent(10.0)

@@ -89,7 +89,7 @@ class DrawnPulse(NamedTuple):
 
 def drawn_pulses(parameters: Mapping[str, float]) -> list[DrawnPulse]:
     """The pulses of an episode, from what `TrackingEnv.parameters` says it has drawn."""
-    found = []
+    found: list[DrawnPulse] = []
     while f"sea.pulses[{len(found)}].start_s" in parameters:
         own = f"sea.pulses[{len(found)}]."
         begin, duration = parameters[own + "start_s"], parameters[own + "duration_s"]
