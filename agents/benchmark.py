@@ -29,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         nargs="+",
-        default=list(POLICIES),
+        default=[name for name, policy in POLICIES.items() if policy.installed()],
         metavar="POLICY",
-        help="names, saved .zip files or module:callable (default: %(default)s)",
+        help="names, folders of training runs, saved .zip files or module:callable (default: %(default)s)",
     )
     parser.add_argument(
         "--scenario",

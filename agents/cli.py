@@ -10,13 +10,29 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import benchmark, listing, record, replay, report, speed, watch
+from uwoc_gym.agents import (
+    benchmark,
+    calibrate,
+    listing,
+    record,
+    replay,
+    report,
+    reproduce,
+    single,
+    speed,
+    train,
+    watch,
+)
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.parameters import SettingError
 
 COMMANDS: dict[str, ModuleType] = {
     "list": listing,
     "benchmark": benchmark,
+    "evaluate": single,
+    "train": train,
+    "calibrate": calibrate,
+    "reproduce": reproduce,
     "watch": watch,
     "record": record,
     "replay": replay,

@@ -13,12 +13,17 @@ from pathlib import Path
 from uwoc_gym.spaces import SMALLEST_FRAME, check_render_size
 
 EXTRAS = {
+    "cmaes": "calibrate",
     "imageio_ffmpeg": "render",
     "matplotlib": "benchmark",
+    "optuna": "calibrate",
     "plotly": "render",
     "pygame": "render",
+    "sb3_contrib": "agents",
     "stable_baselines3": "agents",
+    "tensorboard": "agents",
     "tqdm": "benchmark",
+    "yaml": "agents",
 }
 """Which extra of this package brings a module."""
 

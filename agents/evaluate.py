@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import math
-import pickle
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,11 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.command import CommandError, require
+from uwoc_gym.agents import inference
+from uwoc_gym.agents.command import CommandError
+from uwoc_gym.agents.hyperparameters import ALGORITHMS
 from uwoc_gym.baselines import Controller
 from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
-from uwoc_gym.observation import SIZE
 from uwoc_gym.parameters import Parameters, Range, SettingError, closest
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import SCENARIOS, Scenario
@@ -51,10 +52,35 @@ class Policy:
     """Builds the policy for a scenario, of which it may use what its designer would know."""
     deterministic: bool = True
     """Whether the same observations always give the same actions."""
+    gain_set: str | None = None
+    """The gain set of a scripted controller."""
+    needs: tuple[str, ...] = ()
+    """Optional modules without which it can't fly."""
+
+    def installed(self) -> bool:
+        """Whether all that it needs is installed."""
+        return all(importlib.util.find_spec(module) is not None for module in self.needs)
 
 
 def _scripted(gain_set: str, name: str, description: str) -> Policy:
-    return Policy(name, description, partial(Controller, gain_set))
+    return Policy(name, description, partial(Controller, gain_set), gain_set=gain_set)
+
+
+TRAINED = Path(__file__).parent / "trained"
+"""The agents that come with the package: a folder each, with ``agent.json`` and ``model.zip``."""
+
+
+def shipped(folder: Path = TRAINED) -> dict[str, Policy]:
+    """The agents in a folder, by name; their models are only loaded when they are to fly."""
+    found = {}
+    for path in sorted(folder.glob(f"*/{inference.DESCRIPTION}")):
+        model = path.with_name("model.zip")
+        if model.is_file():
+            description = inference.read_description(path)
+            needs = (ALGORITHMS[description["algorithm"]].module,)
+            make = partial(inference.build, model)
+            found[path.parent.name] = Policy(path.parent.name, description["description"], make, needs=needs)
+    return found
 
 
 POLICIES: dict[str, Policy] = {
@@ -64,19 +90,21 @@ POLICIES: dict[str, Policy] = {
         _scripted(
             "paper-pd-plain", "pd-plain", "the same gains without feedforward, as the paper's PD numbers suggest"
         ),
-        _scripted("paper-nlpd", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
+        _scripted("paper", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
     )
-}
-"""The named policies."""
+} | shipped()
+"""The named policies: scripted controllers and shipped agents."""
 
 
 def load(name: str) -> Policy:
     """The policy of that name, file or callable.
 
     Args:
-        name: A name in `POLICIES`, the path of a zip file saved by Stable-Baselines3, or "module:callable", which is
-            called with the scenario and returns an object with Stable-Baselines3's ``predict``. The latter two run
-            code: a saved file holds pickled objects, so load only files that you trust.
+        name: A name in `POLICIES`, the folder of a training run (its best model flies), the path of a zip file saved
+            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with the scenario and returns
+            an object with Stable-Baselines3's ``predict``. All but names run code: a saved file holds pickled
+            objects, so load only files that you trust. What ``agent.json`` beside a file says is rebuilt: frozen
+            normalisation, stacked frames, a controller that is corrected.
 
     Raises:
         CommandError: There is no such policy, or it can't be loaded.
@@ -121,16 +149,20 @@ def _callable(name: str) -> Policy:
     return Policy(name, "callable", make, deterministic=False)
 
 
-# A setting that only models of the class have; the file doesn't name the class itself.
+# A setting that only models of the class have; the file doesn't name the class itself. The first match counts.
 _TELL_TALE = (
-    ("SAC", "target_entropy"),
-    ("TD3", "policy_delay"),
-    ("PPO", "clip_range"),
-    ("A2C", "normalize_advantage"),
+    ("tqc", "top_quantiles_to_drop_per_net"),
+    ("sac", "target_entropy"),
+    ("td3", "policy_delay"),
+    ("recurrent_ppo", "_last_lstm_states"),
+    ("ppo", "clip_range"),
+    ("a2c", "normalize_advantage"),
 )
 
 
 def _saved(path: Path) -> Policy:
+    if path.is_dir():
+        path = path / "model.zip"
     if not path.is_file():
         raise CommandError(f"policy {str(path)!r}: there is no such file.")
     try:
@@ -138,52 +170,21 @@ def _saved(path: Path) -> Policy:
             settings = json.loads(archive.read("data"))
     except (zipfile.BadZipFile, KeyError, ValueError, OSError):
         raise CommandError(f"policy {str(path)!r} is not a zip file saved by Stable-Baselines3.") from None
-    kind = next((kind for kind, setting in _TELL_TALE if setting in settings), None)
-    if kind is None:
-        known = ", ".join(kind for kind, _ in _TELL_TALE)
+    if path.with_name(inference.DESCRIPTION).is_file():
+        # Built once to meet errors now rather than in the middle of a benchmark.
+        description = inference.read_description(path.with_name(inference.DESCRIPTION))
+        inference.check_model(path)
+        return Policy(str(path), description["description"], partial(inference.build, path))
+    algorithm = next((name for name, setting in _TELL_TALE if setting in settings), None)
+    if algorithm is None:
+        known = ", ".join(each.name for each in ALGORITHMS.values())
         raise CommandError(f"policy {str(path)!r} was saved by another algorithm than {known}.")
-    require("stable_baselines3")
-    import stable_baselines3
-
-    try:
-        model = getattr(stable_baselines3, kind).load(path, device="cpu")
-    except Exception as error:
-        text = str(error).splitlines()[0] if str(error) else ""
-        raise CommandError(f"policy {str(path)!r} can't be loaded: {type(error).__name__}: {text}") from None
-    shapes = (model.observation_space.shape, model.action_space.shape)
-    if shapes != ((SIZE,), (ACTION_SIZE,)):
-        raise CommandError(
-            f"policy {str(path)!r} has observations and actions of shapes {shapes[0]} and {shapes[1]}; they must be "
-            f"({SIZE},) and ({ACTION_SIZE},)."
-        )
-    normaliser = _normaliser(path.with_name("vecnormalize.pkl"))
-    policy = model if normaliser is None else _Normalised(model, normaliser)
-    return Policy(str(path), f"saved {kind} model", lambda scenario: policy)
-
-
-def _normaliser(path: Path) -> Callable[[Any], Any] | None:
-    if not path.is_file():
-        return None
-    try:
-        with path.open("rb") as file:
-            normalise: Callable[[Any], Any] = pickle.load(file).normalize_obs
-    except Exception as error:
-        raise CommandError(f"{str(path)!r} is not a saved VecNormalize: {type(error).__name__}: {error}") from None
-    return normalise
-
-
-class _Normalised:
-    """A model behind the observation statistics that it was trained with, frozen."""
-
-    def __init__(self, model: Any, normalise: Callable[[Any], Any]) -> None:
-        self._model = model
-        self._normalise = normalise
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[npt.NDArray[np.float32], Any]:
-        actions, memory = self._model.predict(self._normalise(observation), state, episode_start, deterministic)
-        return actions, memory
+    model = inference.load_model(path, algorithm)
+    inference.check_shapes(str(path), model)
+    statistics = inference.normaliser_path(path)
+    normalise = inference.load_normaliser(statistics) if statistics.is_file() else None
+    agent = inference.Agent(model, normalise)
+    return Policy(str(path), f"saved {ALGORITHMS[algorithm].name} model", lambda scenario: agent)
 
 
 def load_scenario(name: str) -> tuple[str, Scenario]:
@@ -253,6 +254,8 @@ class Flight:
     record: EpisodeRecord
     series: Series
     """The first episode."""
+    extra: dict[str, Array]
+    """Further entries of the true state that were asked for, each of shape (T + 1, N, ...)."""
 
 
 def _disturbances(parameters: dict[str, Array], size: int) -> Array:
@@ -264,19 +267,33 @@ def _disturbances(parameters: dict[str, Array], size: int) -> Array:
 _RECORDED = ("in_cone", "pose", "ship_pose", "bit_rate_bps")
 
 
-def fly(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Flight:
+def fly(
+    policy: Policy,
+    scenario: Scenario,
+    seeds: Sequence[int],
+    parameters: Mapping[str, npt.ArrayLike] | None = None,
+    extra: Sequence[str] = (),
+) -> Flight:
     """Fly one episode per seed, all together, on observations alone.
 
+    Args:
+        policy: What decides.
+        scenario: What is flown.
+        seeds: Seeds of the N episodes.
+        parameters: Numbers to take instead of drawing them, as in `TrackingVectorEnv.reset`.
+        extra: Names of entries of `TrackingVectorEnv.state` to record besides what the measures need.
+
     Raises:
+        ValueError: One of ``parameters`` isn't allowed.
         CommandError: The policy gives actions of another shape or that aren't finite.
     """
     size, steps = len(seeds), scenario.episode.steps
     predictor = policy.make(scenario)
     # After its end a simulation begins anew, which is ignored: the others still need their steps.
     env = TrackingVectorEnv(size, scenario)
-    observations, _ = env.reset(seed=list(seeds))
+    observations, _ = env.reset(seed=list(seeds), options={"parameters": parameters})
     state = env.state()
-    tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in _RECORDED}
+    tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in (*_RECORDED, *extra)}
     first = {name: np.zeros(steps + 1) for name in ("range_m", "pointing_error_rad")}
     force, reward = np.zeros((steps, size, 3)), np.zeros((steps, size))
     valid = np.zeros((steps + 1, size), dtype=bool)
@@ -306,7 +323,7 @@ def fly(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Flight:
     env.close()
     record = EpisodeRecord(
         time_s=np.arange(steps + 1, dtype=np.float64) * scenario.episode.control_period_s,
-        **tracks,
+        **{name: tracks[name] for name in _RECORDED},
         force=force,
         reward=reward,
         valid=valid,
@@ -326,7 +343,13 @@ def fly(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Flight:
         depth_m=depth,
         disturbance_s=float(disturbance[0]),
     )
-    return Flight(seeds=tuple(seeds), metrics=episode_metrics(record), record=record, series=series)
+    return Flight(
+        seeds=tuple(seeds),
+        metrics=episode_metrics(record),
+        record=record,
+        series=series,
+        extra={name: tracks[name] for name in extra},
+    )
 
 
 def checked_actions(policy: Policy, actions: Any, size: int) -> npt.NDArray[np.float32]:

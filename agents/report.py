@@ -140,7 +140,7 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
             [measure.heading, *(_cell(measure, entry["measures"][measure.key]) for entry in own)]
             for measure in MEASURES
         ]
-        text = f"### {scenario}\n\n{_grid(header, lines)}\n"
+        text = f"### {scenario}\n\n{grid(header, lines)}\n"
         if any(entry["one_episode_stands_for_all_seeds"] for entry in own):
             text += (
                 "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
@@ -156,7 +156,8 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(parts)
 
 
-def _grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+def grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table with its columns lined up."""
     widths = [max(len(line[i]) for line in [header, *lines]) for i in range(len(header))]
     pad = [[f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)] for line in [header, *lines]]
     rule = ["-" * width for width in widths]
@@ -166,7 +167,7 @@ def _grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results may depend on."""
     found = {"python": platform.python_version()}
-    for package in ("uwoc-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "torch"):
+    for package in ("uwoc-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch"):
         try:
             found[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
@@ -188,9 +189,14 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def json_text(data: Mapping[str, Any]) -> str:
+    """The data as JSON, in which numbers that aren't finite are null."""
+    return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
     """Write a JSON file whole or not at all."""
-    write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json_text(data))
 
 
 class EpisodesFile:
@@ -224,7 +230,7 @@ class EpisodesFile:
 
 # Okabe and Ito's colours, which people with any kind of colour vision tell apart, with unlike dashes as a second cue.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), "-")
+DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), "-")
 _GREY = "#777777"
 
 
@@ -251,7 +257,7 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
     angle = np.rad2deg(scenario.link.midpoint().value("field_of_view_rad"))
     for i, (policy, (_, series)) in enumerate(flown.items()):
         style: dict[str, Any] = {
-            "color": COLOURS[i % len(COLOURS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.5,
+            "color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)], "linewidth": 1.5,
             "label": policy,
         }  # fmt: skip
         rate = np.where(series.bit_rate_bps > 0.0, series.bit_rate_bps, np.nan)
@@ -293,6 +299,45 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
     chart.suptitle(f"{name}, seed {seed}")
     part = path.with_name(path.name + ".part")
     chart.savefig(part, dpi=150, format="png")
+    part.replace(path)
+
+
+def learning_curve(
+    path: Path, title: str, evaluations: Sequence[Mapping[str, Any]], baselines: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Draw mean return and availability over training steps, with the controllers' scores as horizontal lines.
+
+    Args:
+        path: PNG file to write.
+        title: What stands above.
+        evaluations: ``steps`` and, by measure, summaries as plain data.
+        baselines: By controller, summaries on the same episodes.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    shown = [key for key in ("return", "availability") if evaluations and key in evaluations[-1]] or ["return"]
+    chart = Figure(figsize=(6.5 * len(shown), 4.5), layout="constrained")
+    FigureCanvasAgg(chart)
+    steps = [each["steps"] for each in evaluations]
+    for column, key in enumerate(shown):
+        axis = chart.add_subplot(1, len(shown), column + 1)
+        mean, low, high = (
+            np.array([math.nan if each[key][end] is None else each[key][end] for each in evaluations], dtype=float)
+            for end in ("mean", "low", "high")
+        )
+        axis.fill_between(steps, low, high, color=COLOURS[0], alpha=0.2, linewidth=0.0)
+        axis.plot(steps, mean, color=COLOURS[0], marker="o", markersize=3, label="agent")
+        for i, (name, scores) in enumerate(baselines.items(), start=1):
+            style: dict[str, Any] = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
+            axis.axhline(scores[key]["mean"], label=name, **style)
+        axis.set_xlabel("steps")
+        axis.set_ylabel(f"{key}, mean and 95 % interval")
+        axis.grid(color="#dddddd", linewidth=0.6)
+        axis.legend(loc="lower right", fontsize=8)
+    chart.suptitle(title)
+    part = path.with_name(path.name + ".part")
+    chart.savefig(part, dpi=120, format="png")
     part.replace(path)
 
 

@@ -260,7 +260,7 @@ def _table(data: dict[str, Any]) -> str:
         numbers = [f"{row[key]:,.0f}" for key in ("steps_per_s", "reference_steps_per_s")]
         integration = f"{row['integration_steps_per_s']:,.0f}"
         lines.append([row["env"], str(row["num_envs"]), *numbers, f"{row['ratio']:.2f}", target, integration])
-    text = report._grid(header, lines) + "\n\n"
+    text = report.grid(header, lines) + "\n\n"
     for row in data["python_at_1"]:
         text += (
             f"{row['env']}, single: {1e6 * row['step_s']:.2f} µs a step, of which compiled code "

@@ -7,6 +7,7 @@ with the errors η̃ = η_ref − η and ν̃ = η̇_ref − η̇ in the earth f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ class Controller:
     """The nonlinear PD law with model feedforward, batched over observations.
 
     Args:
-        gains: A gain set or the name of one.
+        gains: A gain set or the name of one; or a sequence of N of them, one for each of N observations.
         scenario: The scenario, or the name of one, that gives the vehicle's nominal model, the actuators' limits and
             the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
 
@@ -55,10 +56,20 @@ class Controller:
         SettingError: There is no gain set or scenario of that name.
     """
 
-    def __init__(self, gains: str | Gains, scenario: str | Scenario = "Nominal") -> None:
-        if not isinstance(gains, (str, Gains)):
-            raise SettingError(f"gains = {gains!r} is not allowed; it must be a Gains or the name of a gain set.")
-        self.gains = named_gains(gains) if isinstance(gains, str) else gains
+    def __init__(self, gains: str | Gains | Sequence[str | Gains], scenario: str | Scenario = "Nominal") -> None:
+        single = isinstance(gains, str) or not isinstance(gains, Sequence)
+        given: Sequence[Any] = [gains] if single else gains
+        if not given or not all(isinstance(each, (str, Gains)) for each in given):
+            raise SettingError(
+                f"gains = {gains!r} is not allowed; it must be a Gains, the name of a gain set, or a sequence of them."
+            )
+        self.gain_sets = tuple(named_gains(each) if isinstance(each, str) else each for each in given)
+        axis: Any = 0 if single else slice(None)
+        self._numbers = {
+            name: np.array([getattr(each, name) for each in self.gain_sets])[axis]
+            for name in ("a_p", "b_p", "mu_p", "a_v", "b_v", "mu_v")
+        }
+        self._informed = np.array([[each.feedforward] for each in self.gain_sets])[axis]
         known = as_scenario(scenario)
         self.vehicle = known.vehicle.nominal()
         self.force_limits = self.vehicle.force_limits
@@ -75,7 +86,7 @@ class Controller:
             Surge force [N], sway force [N] and yaw moment [N m] in the AUV's body frame, float64 of shape (..., 3).
 
         Raises:
-            ValueError: The observation's last axis isn't 20 long.
+            ValueError: The observation's last axis isn't 20 long, or there are N gain sets and not N observations.
         """
         seen = unpack(observation, self.observation_settings)
         cosine, sine = seen.heading[..., 0], seen.heading[..., 1]
@@ -83,10 +94,12 @@ class Controller:
         offset = np.concatenate([seen.relative_position, seen.yaw_error[..., None]], axis=-1)
         error = _turn(offset, cosine, sine)
         drift = _turn(seen.relative_velocity, cosine, sine)
-        g = self.gains
-        pull = gain(error, g.a_p, g.b_p, g.mu_p) * error + gain(drift, g.a_v, g.b_v, g.mu_v) * drift
+        g = self._numbers
+        pull = gain(error, g["a_p"], g["b_p"], g["mu_p"]) * error + gain(drift, g["a_v"], g["b_v"], g["mu_v"]) * drift
         tau = _turn(pull, cosine, -sine)
-        return tau + self._feedforward(seen) if g.feedforward else tau
+        if self._informed.any():
+            tau = tau + np.where(self._informed, self._feedforward(seen), 0.0)
+        return tau
 
     def _feedforward(self, seen: Measured) -> Array:
         """The model's force along the ship's path: M a − M r S w + C(ν) w + D(ν) w, all in the body frame.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from uwoc_gym.baselines.controller import Controller
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.scenario import Scenario
@@ -24,5 +26,7 @@ class NLPDController(Controller):
         (8, 3)
     """
 
-    def __init__(self, gains: str | Gains = "paper-nlpd", scenario: str | Scenario = "Nominal") -> None:
+    def __init__(
+        self, gains: str | Gains | Sequence[str | Gains] = "paper", scenario: str | Scenario = "Nominal"
+    ) -> None:
         super().__init__(gains, scenario)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.nlpd import NLPDController
 from uwoc_gym.parameters import SettingError
@@ -19,10 +22,12 @@ class PDController(NLPDController):
         SettingError: There is no gain set or scenario of that name, or a mu of the gain set isn't 1.
     """
 
-    def __init__(self, gains: str | Gains = "paper-pd", scenario: str | Scenario = "Nominal") -> None:
+    def __init__(
+        self, gains: str | Gains | Sequence[str | Gains] = "paper-pd", scenario: str | Scenario = "Nominal"
+    ) -> None:
         super().__init__(gains, scenario)
-        for name in ("mu_p", "mu_v"):
-            exponents = getattr(self.gains, name)
+        for gain_set, name in itertools.product(self.gain_sets, ("mu_p", "mu_v")):
+            exponents = getattr(gain_set, name)
             if exponents != (1.0, 1.0, 1.0):
                 raise SettingError(
                     f"Gains.{name} = {exponents!r} is not allowed for a PDController; every exponent must be 1 "

@@ -101,7 +101,8 @@ class TrackingEnv(gym.Env[Observation, Observation]):
     The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal`, `CurrentPulse`, `MassError` and
     `StrongPulse`; near the ship, with everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y,
     yaw), "velocity": (surge, sway, yaw rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame]
-    and merges overrides for one episode.
+    and merges overrides for one episode; `"parameters": {"sea.pulses[0].force_x_n": 800.0}` sets numbers that the
+    scenario would draw.
 
     ## Episode End
 
@@ -168,12 +169,14 @@ class TrackingEnv(gym.Env[Observation, Observation]):
 
         Args:
             seed: Fixes this and the following episodes.
-            options: ``pose`` (3,), ``velocity`` (3,) and ``scenario`` overrides, for this episode only.
+            options: ``pose`` (3,), ``velocity`` (3,), ``scenario`` overrides and ``parameters``, a dict of numbers to
+                take instead of drawing them (by their names in `parameters`, within the scenario's ranges), for this
+                episode only.
 
         Raises:
-            ValueError: An option is unknown, of the wrong shape or not finite.
+            ValueError: An option is unknown, of the wrong shape, out of range or not finite.
         """
-        given = check_options(options, ("pose", "velocity", "scenario"))
+        given = check_options(options, ("pose", "velocity", "parameters", "scenario"))
         wanted = self.scenario
         if given.get("scenario") is not None:
             wanted = episode_scenario(self.scenario, given["scenario"])
@@ -186,7 +189,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
             self._fleet.configure(wanted)
             self._step_fleet = self._fleet.stepper()
         observation = np.empty((1, SIZE), dtype=np.float32)
-        self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"))
+        self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"), given.get("parameters"))
         self._running = True
         if self.render_mode is not None:
             self._begin_pictures()

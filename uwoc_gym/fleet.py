@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -98,7 +98,7 @@ from uwoc_gym.block import (
 from uwoc_gym.compiled import compiled, inlined, subroutine
 from uwoc_gym.elementary import atan_below_one, exp, fma, log, sincos, wrap
 from uwoc_gym.observation import LIMIT, SIZE
-from uwoc_gym.parameters import Number
+from uwoc_gym.parameters import Number, closest
 from uwoc_gym.reward import reward_terms
 from uwoc_gym.rng import STREAM_PARAMETERS, draw, key_from_seed
 from uwoc_gym.scenario import Scenario
@@ -185,8 +185,8 @@ def _draw_parameter(s, j, low, high, step, index):
 
 
 @subroutine
-def _begin_episode(s, table, splines) -> None:
-    """Draw an episode's numbers for the lane at which the view ``s`` begins and put it at time 0."""
+def _draw_numbers(s, table) -> None:
+    """Draw the numbers of the link, the vehicle, the sea, the sensors and the start for a lane's next episode."""
     j = 0
     pulses = int(table[C_PULSES])
     drawn = _FIXED + pulses * PULSE_PARAMETERS
@@ -194,6 +194,13 @@ def _begin_episode(s, table, splines) -> None:
         row = FIRST_PARAMETER + i if i < _FIXED else _PULSES + i - _FIXED
         low = table[_CONSTANTS + 2 * i]
         s[j + row * STRIDE] = _draw_parameter(s, j, low, table[_CONSTANTS + 2 * i + 1], 0.0, i)
+
+
+@subroutine
+def _begin_episode(s, table, splines) -> None:
+    """Draw the ship's path for the lane at which the view ``s`` begins and put it at time 0."""
+    j = 0
+    drawn = _FIXED + int(table[C_PULSES]) * PULSE_PARAMETERS
     which = int(_draw_parameter(s, j, 0.0, table[C_PATHS], 1.0, 0))
     path = _CONSTANTS + 2 * drawn + which * _PATH_WIDTH
     for i in range(PATH_PARAMETERS):
@@ -478,16 +485,20 @@ def _show_start(s, table, observations, lane) -> None:
 def _restart(s, table, splines, observations, lane) -> None:
     """Begin the next episode of the lane at which the view ``s`` begins."""
     s[EPISODE * STRIDE] += 1.0
+    _draw_numbers(s, table)
     _begin_episode(s, table, splines)
     _show_start(s, table, observations, lane)
 
 
 @compiled
-def _reset(s, table, splines, lanes, poses, velocities, observations):
-    """Begin the episode that each of ``lanes`` is marked with; numbers in poses and velocities replace drawn ones."""
+def _reset(s, table, splines, lanes, poses, velocities, chosen_rows, chosen, observations):
+    """Begin the episode that each of ``lanes`` is marked with; numbers in the other arrays replace drawn ones."""
     rows = int(table[C_ROWS])
     for lane in lanes:
         own = s[lane // LANES * rows * STRIDE + lane % LANES :]
+        _draw_numbers(own, table)
+        for i, row in enumerate(chosen_rows):
+            own[row * STRIDE] = chosen[i, lane]
         _begin_episode(own, table, splines)
         for axis in range(3):
             if poses[lane, axis] == poses[lane, axis]:
@@ -651,6 +662,16 @@ def _compile_scenario(scenario: Scenario, max_steps: int, autoreset: Autoreset) 
     return np.concatenate(tables), np.ascontiguousarray(splines)
 
 
+def _drawn_rows(scenario: Scenario) -> dict[str, tuple[int, int]]:
+    """Row in a block, and place of its range in the table, of each number that an episode draws, by its path."""
+    rows = {path: (FIRST_PARAMETER + i, _CONSTANTS + 2 * i) for i, path in enumerate(_PATHS)}
+    for i, pulse in enumerate(scenario.sea.pulses):
+        for k, (name, _) in enumerate(pulse.numbers()):
+            place = i * PULSE_PARAMETERS + k
+            rows[f"sea.pulses[{i}].{name}"] = (_PULSES + place, _CONSTANTS + 2 * (_FIXED + place))
+    return rows
+
+
 def _rows(scenario: Scenario) -> int:
     return _PULSES + len(scenario.sea.pulses) * PULSE_PARAMETERS
 
@@ -695,6 +716,7 @@ class Fleet:
         self.scenario = scenario
         self.max_episode_steps = max_episode_steps or scenario.episode.steps
         self._table, self._splines = _compile_scenario(scenario, self.max_episode_steps, self.autoreset)
+        self._drawn_rows = _drawn_rows(scenario)
         rows = _rows(scenario)
         old = self._state
         self._state = np.zeros(self._blocks * rows * STRIDE)
@@ -731,6 +753,7 @@ class Fleet:
         lanes: npt.NDArray[np.int64] | None = None,
         pose: npt.ArrayLike | None = None,
         velocity: npt.ArrayLike | None = None,
+        parameters: Mapping[str, npt.ArrayLike] | None = None,
     ) -> None:
         """Begin the next episode of each of ``lanes`` (all by default) and write its observation.
 
@@ -739,17 +762,44 @@ class Fleet:
             lanes: Indices of the simulations to reset.
             pose: Start pose, shape (3,) or (N, 3) [m, m, rad] in the earth frame, instead of the scenario's.
             velocity: Start velocity, shape (3,) or (N, 3) [m/s, m/s, rad/s], instead of the scenario's.
+            parameters: Numbers to take instead of drawing them, by their names in `drawn`: one, or one per
+                simulation. Each must lie in the range that the scenario draws from.
 
         Raises:
-            ValueError: ``pose`` or ``velocity`` has another shape or isn't finite.
+            ValueError: ``pose`` or ``velocity`` has another shape or isn't finite, or one of ``parameters`` is unknown,
+                of another shape or out of range; nothing has changed.
         """
         which = np.arange(self.size) if lanes is None else lanes
         if not self._seeded[which].all():
             raise ValueError("every simulation needs a seed before its first reset.")
         poses = self._start_values("pose", pose)
         velocities = self._start_values("velocity", velocity)
+        rows, chosen = self._chosen(parameters or {})
         self._set_row(EPISODE, which, self._by_row[which // LANES, EPISODE, which % LANES] + 1.0)
-        _reset(self._state, self._table, self._splines, which, poses, velocities, observations)
+        _reset(self._state, self._table, self._splines, which, poses, velocities, rows, chosen, observations)
+
+    def _chosen(self, parameters: Mapping[str, npt.ArrayLike]) -> tuple[npt.NDArray[np.int64], Array]:
+        """Rows and values, one per simulation, of the numbers that aren't to be drawn."""
+        rows = np.zeros(len(parameters), dtype=np.int64)
+        chosen = np.zeros((len(parameters), self.size))
+        for i, (name, value) in enumerate(parameters.items()):
+            field = f"options['parameters'][{name!r}]"
+            if name not in self._drawn_rows:
+                raise ValueError(f"{field} is not known; {closest(name, list(self._drawn_rows))}")
+            rows[i], place = self._drawn_rows[name]
+            low, high = self._table[place : place + 2]
+            try:
+                array = np.asarray(value, dtype=float)
+            except (TypeError, ValueError):
+                array = np.empty(0)
+            if array.shape not in ((), (self.size,)) or not ((low <= array) & (array <= high)).all():
+                shapes = "a number" if self.size == 1 else f"a number or of shape ({self.size},)"
+                raise ValueError(
+                    f"{field} = {value!r} is not allowed; it must be {shapes}, in the range [{low:g}, {high:g}] that "
+                    "the scenario draws it from."
+                )
+            chosen[i] = array
+        return rows, chosen
 
     @property
     def begun(self) -> bool:
@@ -914,11 +964,7 @@ class Fleet:
 
     def drawn(self) -> dict[str, Array]:
         """What the present episodes have drawn for each number of the scenario, by its path, each of shape (N,)."""
-        values = {path: self.row(FIRST_PARAMETER + i) for i, path in enumerate(_PATHS)}
-        for i in range(len(self.scenario.sea.pulses)):
-            for k, (name, _) in enumerate(self.scenario.sea.pulses[i].numbers()):
-                values[f"sea.pulses[{i}].{name}"] = self.row(_PULSES + i * PULSE_PARAMETERS + k)
-        return values
+        return {path: self.row(row) for path, (row, _) in self._drawn_rows.items()}
 
 
 MEASURE_NAMES = (

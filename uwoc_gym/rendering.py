@@ -313,7 +313,11 @@ class Renderer:
         self._label("AUV", auv, self._px(26))
         self._draw_notes(rect)
         self._write(
-            f"AUV {depth:.1f} m below the surface", 22, (rect.left + self._px(12), rect.bottom - self._px(10)), _DIM, "bottomleft"
+            f"AUV {depth:.1f} m below the surface",
+            22,
+            (rect.left + self._px(12), rect.bottom - self._px(10)),
+            _DIM,
+            "bottomleft",
         )
         surface.set_clip(None)
 

@@ -110,13 +110,15 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
 
         Args:
             seed: Environment i gets ``seed + i``, or the i-th of a list of N.
-            options: ``pose`` and ``velocity``, of shape (3,) or (N, 3); ``scenario`` overrides, which hold
-                until the next full reset; ``reset_mask``, bool of shape (N,), to reset only some environments.
+            options: ``pose`` and ``velocity``, of shape (3,) or (N, 3); ``parameters``, a dict of numbers to take
+                instead of drawing them (by their names in `parameters`, a number or of shape (N,), within the
+                scenario's ranges), for this episode only; ``scenario`` overrides, which hold until the next full reset;
+                ``reset_mask``, bool of shape (N,), to reset only some environments.
 
         Raises:
-            ValueError: An option is unknown, of the wrong shape or not finite, or there aren't N seeds.
+            ValueError: An option is unknown, of the wrong shape, out of range or not finite, or there aren't N seeds.
         """
-        given = check_options(options, ("pose", "velocity", "scenario", "reset_mask"))
+        given = check_options(options, ("pose", "velocity", "parameters", "scenario", "reset_mask"))
         mask = self._reset_mask(given.get("reset_mask"))
         wanted = self.scenario
         if given.get("scenario") is not None:
@@ -128,7 +130,7 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         lanes = np.flatnonzero(mask)
         self._seed(seed, lanes)
         observations = np.empty((self.num_envs, SIZE), dtype=np.float32) if mask.all() else self._fleet.observe()
-        self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"))
+        self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"), given.get("parameters"))
         self._begun = True
         if self._renderers:
             self._begin_pictures(lanes)

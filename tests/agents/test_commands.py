@@ -276,3 +276,17 @@ def test_intervals_hold_their_mean_and_skip_what_is_not_finite() -> None:
 )
 def test_intervals_of_degenerate_columns(values: list[float], expected: tuple[float, float, float]) -> None:
     assert report.summarise(values, np.random.default_rng(0))[:3] == pytest.approx(expected, nan_ok=True)
+
+
+def test_evaluate_writes_what_it_prints(
+    scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--scenario", str(scenario_file), "--seed", "7", "--seeds", "2", "--out", str(tmp_path / "out")]
+    assert main(["evaluate", "nlpd", *options]) == 0
+    results = json.loads((tmp_path / "out/results.json").read_text())
+    assert [row["seed"] for row in results["episodes"]] == [7, 8]
+    mean = results["results"][0]["measures"]["return"]["mean"]
+    assert mean == pytest.approx(np.mean([row["return"] for row in results["episodes"]]))
+    assert f"{mean:.1f} [" in capsys.readouterr().out
+    assert main(["evaluate", "nlpdd"]) == 1
+    assert "did you mean 'nlpd'?" in capsys.readouterr().err

@@ -116,14 +116,14 @@ def test_yaw_error_is_wrapped() -> None:
 
 def test_pd_is_the_nlpd_with_unit_exponents() -> None:
     obs = np.array([observe(*state) for state in random_states(20)])
-    linear = replace(gains("paper-nlpd"), mu_p=1.0, mu_v=1.0)  # type: ignore[arg-type]
+    linear = replace(gains("paper"), mu_p=1.0, mu_v=1.0)  # type: ignore[arg-type]
     np.testing.assert_array_equal(PDController().force(obs), NLPDController(linear).force(obs))
     assert not np.allclose(PDController().force(obs), NLPDController().force(obs), rtol=1e-3)
 
 
 def test_pd_refuses_other_exponents() -> None:
     with pytest.raises(SettingError, match=r"Gains\.mu_p = \(0\.981.*PDController.*must be 1"):
-        PDController("paper-nlpd")
+        PDController("paper")
 
 
 def test_gain_values_and_continuity() -> None:
@@ -198,7 +198,7 @@ def test_wrong_observation_shape(shape: tuple[int, ...]) -> None:
 
 
 def test_unknown_names_give_the_nearest() -> None:
-    with pytest.raises(SettingError, match=r"no gain set 'paper-nlpb'; did you mean 'paper-nlpd'\?"):
+    with pytest.raises(SettingError, match=r"no gain set 'paper-nlpb'; did you mean 'paper'\?"):
         gains("paper-nlpb")
     with pytest.raises(SettingError, match="did you mean 'paper-pd-plain'"):
         PDController("paper-pd-plan")
@@ -282,7 +282,21 @@ def test_printed_pd_does_better_than_published() -> None:
 
 def test_nlpd_reproduces_the_published_nlpd_row() -> None:
     scenario = Scenario().merged(PAPER_CLOCK)
-    arrival, rmse, largest = fly(NLPDController("paper-nlpd", scenario), scenario)
+    arrival, rmse, largest = fly(NLPDController("paper", scenario), scenario)
     assert arrival == pytest.approx(2.315, abs=0.0051)
     assert rmse == pytest.approx([0.0596, 0.1197, 0.0408], rel=0.005)
     assert largest < 1.0
+
+
+def test_one_gain_set_per_observation():
+    observations = np.random.default_rng(5).uniform(-1, 1, (3, 20)).astype(np.float32)
+    names = ("paper-pd", "paper-pd-plain", "paper")
+    together = Controller(names).force(observations)
+    for i, name in enumerate(names):
+        np.testing.assert_array_equal(together[i], Controller(name).force(observations[i]))
+
+
+@pytest.mark.parametrize("bad", [[], [1.0], 3])
+def test_refuses_what_is_no_gain_set(bad):
+    with pytest.raises(SettingError, match=r"gains = .* is not allowed; it must be a Gains"):
+        Controller(bad)

@@ -210,9 +210,13 @@ def test_refuses_to_step_before_reset_and_after_the_end():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"position": (0, 0, 0)}, "options['position'] is not known; allowed are pose, velocity, scenario"),
+        ({"position": (0, 0, 0)}, "options['position'] is not known; allowed are pose, velocity, parameters, scenario"),
         ({"pose": (0, 0)}, "options['pose'] = (0, 0) is not allowed; it must be finite and of shape (3,)"),
         ({"velocity": (0, 0, np.nan)}, "options['velocity']"),
+        ({"parameters": {"vehicle.mass": 1.0}}, "options['parameters']['vehicle.mass'] is not known; did you mean"),
+        ({"parameters": {"vehicle.mass_scale": 1.1}}, "a number, in the range [1, 1] that the scenario draws it from"),
+        ({"parameters": {"vehicle.mass_scale": "much"}}, "= 'much' is not allowed"),
+        ({"parameters": {"vehicle.mass_scale": np.nan}}, "= nan is not allowed"),
         ({"scenario": {"vehicle": {"mas_scale": 1}}}, "did you mean 'mass_scale'?"),
         ({"scenario": {"observation": {"position_scale_m": 9}}}, "must not change 'observation'"),
     ],

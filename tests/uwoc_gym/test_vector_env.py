@@ -32,6 +32,27 @@ def test_is_what_make_vec_takes_by_default():
     assert isinstance(gym.make_vec("uwoc/Nominal-v0", num_envs=3).unwrapped, TrackingVectorEnv)
 
 
+def test_chosen_parameters_replace_drawn_ones_for_one_episode():
+    ranges = {"vehicle": {"mass_scale": (0.5, 2.0)}, "sea": {"pulses": [{"start_s": 0.1, "force_x_n": (0.0, 900.0)}]}}
+    chosen = {"vehicle.mass_scale": [1.0, 1.5, 0.7], "sea.pulses[0].force_x_n": 700.0}
+    env = TrackingVectorEnv(3, ranges)
+    env.reset(seed=4, options={"parameters": chosen})
+    push = np.full((3, 3), 0.5, dtype=np.float32)
+    for _ in range(STEPS):
+        env.step(push)
+    for lane, mass_scale in enumerate(chosen["vehicle.mass_scale"]):
+        fixed = {"vehicle": {"mass_scale": mass_scale}, "sea": {"pulses": [{"start_s": 0.1, "force_x_n": 700.0}]}}
+        alone = TrackingVectorEnv(1, fixed)
+        alone.reset(seed=4 + lane)
+        for _ in range(STEPS):
+            alone.step(push[:1])
+        np.testing.assert_array_equal(alone.state()["pose"][0], env.state()["pose"][lane])
+    env.reset(seed=4)
+    plain = TrackingVectorEnv(3, ranges)
+    plain.reset(seed=4)
+    np.testing.assert_array_equal(env.parameters()["vehicle.mass_scale"], plain.parameters()["vehicle.mass_scale"])
+
+
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_equals_gymnasiums_vector_of_single_environments(mode):
     n, seed = 5, 11
@@ -141,6 +162,7 @@ def test_options_of_all_environments():
         ({"reset_mask": np.array([False, False])}, "at least one True"),
         ({"reset_mask": np.array([True, False])}, "at the first reset"),
         ({"pose": np.zeros((3, 3))}, "of shape (3,) or (2, 3)"),
+        ({"parameters": {"vehicle.mass_scale": [1.0, 1.0, 1.0]}}, "a number or of shape (2,)"),
         ({"start": 1}, "options['start'] is not known"),
     ],
 )

@@ -1,0 +1,279 @@
+"""`uwoc-gym calibrate`: search for what the paper doesn't give, so that its tables come out."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.agents import report
+from uwoc_gym.agents.command import output_folder, require, whole, write_text
+from uwoc_gym.agents.evaluate import Flight, Policy, fly
+from uwoc_gym.agents.search import Dimension, Tried, search
+from uwoc_gym.baselines import Controller, Gains, gains
+from uwoc_gym.baselines.paper import PUBLISHED, SCENARIOS, Row, sampled_as_published, without_coriolis
+from uwoc_gym.metrics import since_arrival, tracking_error
+from uwoc_gym.scenario import Scenario
+
+HELP = "search for what the paper doesn't give: the NLPD's exponents, and the noise and pulse of its two cases"
+EXAMPLES = """\
+examples:
+  uwoc-gym calibrate nlpd --out calibration/nlpd
+  uwoc-gym calibrate case-1 --out calibration/case-1
+  uwoc-gym calibrate nlpd --out calibration/nlpd --trials 6000 --resume
+"""
+
+Array = npt.NDArray[np.float64]
+
+CASE_DURATION_S = 60.0
+"""The cases are searched over their first minute: what comes later repeats what the windows have seen."""
+
+WINDOW_STARTS_S = (math.nan, 26.0, 28.0, 29.0, 30.0)
+"""Where an RMSE's window may begin [s]; not a number stands for the arrival."""
+
+WINDOW_ENDS_S = tuple(np.arange(31.0, CASE_DURATION_S + 0.25, 0.5).tolist())
+"""Where it may end [s]."""
+
+NOISE_SEEDS = (0, 1)
+"""Seeds of the noise that every setting is tried with."""
+
+_NLPD_BOX = {
+    **{f"mu_{kind}_{axis}": Dimension(0.0, 1.0) for kind in "pv" for axis in ("x", "y", "yaw")},
+    "b": Dimension(0.001, 2.0, log=True),
+}
+_CASE_BOX = {
+    "sea.pulses[0].force_x_n": Dimension(0.0, 3000.0),
+    "sea.pulses[0].force_y_n": Dimension(0.0, 3000.0),
+    "sea.pulses[0].moment_nm": Dimension(0.0, 1500.0),
+    "sensors.position_std_m": Dimension(0.0, 1.0),
+    "sensors.yaw_std_rad": Dimension(0.0, 1.0),
+    "sensors.velocity_std_mps": Dimension(0.0, 1.0),
+    "sensors.yaw_rate_std_rad_s": Dimension(0.0, 1.0),
+}
+
+
+class _Problem(NamedTuple):
+    box: Mapping[str, Dimension]
+    evaluate: Callable[[list[dict[str, float]]], list[tuple[float, dict[str, float]]]]
+    trials: int
+    write: Callable[[Tried], Mapping[str, Any]]
+    """What the best point means, for results.json."""
+    file: str
+    text: Callable[[Tried], str]
+    """A file to use the best point with, and what it holds."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument("target", choices=("nlpd", "case-1", "case-2"), help="what to search for")
+    parser.add_argument(
+        "--variant",
+        choices=("found", "printed"),
+        default="found",
+        help="the cases' PD: without feedforward on a plant without Coriolis terms, as its nominal row was found to "
+        "be, or as printed (default: %(default)s)",
+    )
+    parser.add_argument("--trials", type=whole(1), metavar="N", help="points to try in all (default: 4000; cases 1500)")
+    parser.add_argument(
+        "--batch", type=whole(2), default=64, metavar="N", help="points to try at a time (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Search and report; returns the exit status."""
+    require("optuna", "cmaes", "tqdm")
+    problem = nlpd_problem() if args.target == "nlpd" else case_problem(args.target, args.variant)
+    folder = output_folder(args.out)
+    found = search(
+        folder,
+        {"target": args.target, "variant": args.variant, "seed": args.seed},
+        problem.box,
+        problem.evaluate,
+        trials=args.trials or problem.trials,
+        batch=args.batch,
+        seed=args.seed,
+        direction="minimize",
+        sampler="cma-es",
+        resume=args.resume,
+    )
+    write_text(folder / problem.file, problem.text(found.best))
+    document = {
+        "command": args.command_line,
+        "finished": found.finished,
+        "versions": report.versions(),
+        "target": args.target,
+        "variant": args.variant,
+        "trials": found.trials,
+        "seed": args.seed,
+        "score": found.best.score,
+        "found": found.best.values,
+        **problem.write(found.best),
+    }
+    report.write_json(folder / "results.json", document)
+    print(f"score {found.best.score:.6g} after {found.trials} trials; found:")
+    for name, value in {**found.best.values, **found.best.outcome}.items():
+        print(f"  {name:<32} {value:.6g}")
+    if not found.finished:
+        print("uwoc-gym calibrate: interrupted; --resume goes on", file=sys.stderr)
+        return 130
+    return 0
+
+
+def nlpd_gains(values: Mapping[str, float]) -> Gains:
+    """The NLPD with the paper's a = 300 and 250 and exponents from a point of the search."""
+
+    def axes(kind: str) -> tuple[float, float, float]:
+        x, y, yaw = (values[f"mu_{kind}_{axis}"] for axis in ("x", "y", "yaw"))
+        return x, y, yaw
+
+    b = (values["b"],) * 3
+    return replace(gains("paper-pd"), mu_p=axes("p"), mu_v=axes("v"), b_p=b, b_v=b, source="uwoc-gym calibrate nlpd")
+
+
+def nlpd_problem() -> _Problem:
+    """Exponents and b with which the printed NLPD flies the paper's nominal row.
+
+    The score is the mean square of each number's distance from the published one, in units of 2 % for the RMSE and
+    0.01 s for the arrival.
+    """
+    scenario = sampled_as_published(Scenario.named(SCENARIOS["nominal"]))
+    wanted = np.array(PUBLISHED["nominal", "NLPD"][:4])
+    unit = np.array([*(0.02 * wanted[:3]), 0.01])
+
+    def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
+        laws = [nlpd_gains(point) for point in points]
+        flown = fly(_many(laws), scenario, [0] * len(points)).metrics
+        got = np.stack([flown.rmse_x_m, flown.rmse_y_m, flown.rmse_yaw_rad, flown.arrival_time_s], axis=-1)
+        # Never to arrive is worse than anything else.
+        scores = np.nan_to_num(np.mean(np.square((got - wanted) / unit), axis=-1), nan=1e9)
+        names = ("rmse_x_m", "rmse_y_m", "rmse_yaw_rad", "arrival_time_s")
+        return [
+            (score, dict(zip(names, np.nan_to_num(row, nan=-1.0).tolist(), strict=True)))
+            for score, row in zip(scores.tolist(), got, strict=True)
+        ]
+
+    return _Problem(
+        _NLPD_BOX,
+        evaluate,
+        4000,
+        lambda best: {"published": PUBLISHED["nominal", "NLPD"]._asdict(), "flown": best.outcome},
+        "gains.json",
+        lambda best: report.json_text(asdict(nlpd_gains(best.values))),
+    )
+
+
+def _many(laws: Sequence[Gains]) -> Policy:
+    return Policy("candidates", "one gain set per simulation", lambda scenario: Controller(laws, scenario))
+
+
+def case_problem(case: str, variant: str) -> _Problem:
+    """Pulse, noise levels and RMSE window with which PD and NLPD come nearest to a case's two rows.
+
+    One setting serves both controllers, of which the NLPD is the printed one on the full plant. The score is the mean
+    over both rows of the squared relative differences of RMSE and arrival, and of the restoring time's difference over
+    PD's.
+    """
+    ranges = {
+        "sea": {
+            "pulses": [
+                {name.split(".")[-1]: (each.low, each.high) for name, each in _CASE_BOX.items() if "pulses" in name}
+            ]
+        },
+        "sensors": {
+            name.split(".")[-1]: (each.low, each.high) for name, each in _CASE_BOX.items() if "sensors" in name
+        },
+        "episode": {"duration_s": CASE_DURATION_S},
+    }
+    full = sampled_as_published(Scenario.named(SCENARIOS[case]).merged(ranges))
+    pd_side = (gains("paper-pd"), full) if variant == "printed" else (gains("paper-pd-plain"), without_coriolis(full))
+    sides = (pd_side, (gains("paper"), full))
+    wanted = np.array([PUBLISHED[case, name] for name in ("PD", "NLPD")])
+
+    def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
+        n, k = len(points), len(NOISE_SEEDS)
+        settings = {name: np.repeat([point[name] for point in points], k) for name in _CASE_BOX}
+        rows = [
+            window_rows(fly(_many([law] * n * k), scenario, list(NOISE_SEEDS) * n, settings)).reshape(-1, n, k, 5)
+            for law, scenario in sides
+        ]
+        return [case_score(row, wanted) for row in np.moveaxis(np.stack(rows, axis=1), 2, 0)]
+
+    def scenario_text(best: Tried) -> str:
+        values = best.values
+        overrides = {
+            "sea": {"pulses": [{n.split(".")[-1]: v for n, v in values.items() if "pulses" in n}]},
+            "sensors": {n.split(".")[-1]: v for n, v in values.items() if "sensors" in n},
+        }
+        return Scenario.named(SCENARIOS[case]).merged(overrides).to_json() + "\n"
+
+    return _Problem(
+        _CASE_BOX,
+        evaluate,
+        1500,
+        lambda best: {
+            "published": {name: PUBLISHED[case, name]._asdict() for name in ("PD", "NLPD")},
+            "flown": best.outcome,
+        },
+        "scenario.json",
+        scenario_text,
+    )
+
+
+WINDOWS = tuple((start, end) for start in WINDOW_STARTS_S for end in WINDOW_ENDS_S)
+"""All windows [s] that an RMSE may be taken over."""
+
+
+def window_rows(flight: Flight) -> Array:
+    """The table's five numbers of each simulation for each of `WINDOWS`, shape (W, N, 5), in the order of `Row`."""
+    record = flight.record
+    time = record.time_s
+    error = tracking_error(record.pose, record.ship_pose)
+    arrived = since_arrival(record.in_cone, record.valid)
+    rows = np.empty((len(WINDOWS), error.shape[1], 5))
+    rows[..., 3] = flight.metrics.arrival_time_s
+    rows[..., 4] = flight.metrics.restoring_time_s
+    # Running sums: a window is a difference of two of them, where `metrics.rmse` would sum each of hundreds anew.
+    counted = arrived & record.valid
+    squares = np.cumsum(np.where(counted[..., None], np.square(error), 0.0), axis=0)
+    number = np.cumsum(counted, axis=0)
+    for w, (start, end) in enumerate(WINDOWS):
+        last = int(np.searchsorted(time, end + 1e-9)) - 1
+        first = -1 if math.isnan(start) else int(np.searchsorted(time, start - 1e-9)) - 1
+        total = squares[last] - (squares[first] if first >= 0 else 0.0)
+        samples = number[last] - (number[first] if first >= 0 else 0)
+        rows[w, :, :3] = np.sqrt(np.where(samples > 0, total.T / np.maximum(samples, 1), np.nan)).T
+    return rows
+
+
+def case_score(rows: Array, wanted: Array) -> tuple[float, dict[str, float]]:
+    """Score and outcome of one setting in its best window.
+
+    Args:
+        rows: Numbers by window, controller and noise seed, shape (W, 2, K, 5).
+        wanted: The published rows, shape (2, 5).
+    """
+    # A link that isn't restored within the flight counts as a minute's outage; one that never was, as lost.
+    filled = np.where(np.isinf(rows), CASE_DURATION_S, np.nan_to_num(rows, nan=1e3, posinf=np.inf))
+    mean = filled.mean(axis=2)
+    scale = wanted.copy()
+    scale[:, 4] = wanted[0, 4]
+    scores = np.square((mean - wanted) / scale).mean(axis=(1, 2))
+    best = int(scores.argmin())
+    start, end = WINDOWS[best]
+    outcome = {"window_start_s": -1.0 if math.isnan(start) else start, "window_end_s": end}
+    for name, row in zip(("pd", "nlpd"), mean[best], strict=True):
+        outcome |= {f"{name}_{key}": value for key, value in zip(Row._fields, row.tolist(), strict=True)}
+    return float(scores[best]), outcome
