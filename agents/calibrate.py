@@ -212,12 +212,11 @@ def case_problem(case: str, variant: str) -> _Problem:
         return [case_score(row, wanted) for row in np.moveaxis(np.stack(rows, axis=1), 2, 0)]
 
     def scenario_text(best: Tried) -> str:
-        values = best.values
-        overrides = {
-            "sea": {"pulses": [{n.split(".")[-1]: v for n, v in values.items() if "pulses" in n}]},
-            "sensors": {n.split(".")[-1]: v for n, v in values.items() if "sensors" in n},
+        found = {
+            "sea": {"pulses": [{key.split(".")[-1]: each for key, each in best.values.items() if "pulses" in key}]},
+            "sensors": {key.split(".")[-1]: each for key, each in best.values.items() if "sensors" in key},
         }
-        return Scenario.named(SCENARIOS[case]).merged(overrides).to_json() + "\n"
+        return full.merged(found).to_json() + "\n"
 
     return _Problem(
         _CASE_BOX,

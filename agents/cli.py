@@ -21,6 +21,7 @@ from uwoc_gym.agents import (
     single,
     speed,
     train,
+    tune,
     watch,
 )
 from uwoc_gym.agents.command import CommandError
@@ -31,6 +32,7 @@ COMMANDS: dict[str, ModuleType] = {
     "benchmark": benchmark,
     "evaluate": single,
     "train": train,
+    "tune": tune,
     "calibrate": calibrate,
     "reproduce": reproduce,
     "watch": watch,

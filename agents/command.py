@@ -13,10 +13,10 @@ from pathlib import Path
 from uwoc_gym.spaces import SMALLEST_FRAME, check_render_size
 
 EXTRAS = {
-    "cmaes": "calibrate",
+    "cmaes": "tune",
     "imageio_ffmpeg": "render",
     "matplotlib": "benchmark",
-    "optuna": "calibrate",
+    "optuna": "tune",
     "plotly": "render",
     "pygame": "render",
     "sb3_contrib": "agents",

@@ -76,8 +76,8 @@ class Calibrated(NamedTuple):
 
 
 CALIBRATED: dict[str, Calibrated] = {
-    "case-1": Calibrated("CurrentPulse", None, 60.0),
-    "case-2": Calibrated("MassError", None, 60.0),
+    "case-1": Calibrated("PaperCaseI", None, 45.0),
+    "case-2": Calibrated("PaperCaseII", None, 41.0),
 }
 """What `uwoc-gym calibrate case-1` and `case-2` found."""
 

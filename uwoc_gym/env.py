@@ -98,11 +98,10 @@ class TrackingEnv(gym.Env[Observation, Observation]):
 
     ## Starting State
 
-    The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal`, `CurrentPulse`, `MassError` and
-    `StrongPulse`; near the ship, with everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y,
-    yaw), "velocity": (surge, sway, yaw rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame]
-    and merges overrides for one episode; `"parameters": {"sea.pulses[0].force_x_n": 800.0}` sets numbers that the
-    scenario would draw.
+    The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal` and all cases; near the ship, with
+    everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y, yaw), "velocity": (surge, sway, yaw
+    rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame] and merges overrides for one episode;
+    `"parameters": {"sea.pulses[0].force_x_n": 800.0}` sets numbers that the scenario would draw.
 
     ## Episode End
 

@@ -13,7 +13,8 @@ from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.document import Heading, Paragraph, Picture, Table, markdown, page
 from uwoc_gym.baselines.paper import IMPROVEMENT, PUBLISHED, improvement
 
-LARGEST_RESIDUAL_PERCENT = {"case-1": 100.0, "case-2": 100.0}
+LARGEST_RESIDUAL_PERCENT = {"case-1": 8.0, "case-2": 9.0}
+"""Of the calibrated cases, over seeds of the noise that the search hasn't seen."""
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +55,16 @@ def test_printed_pulse_breaks_no_link_and_a_larger_one_does(results):
         assert sweep[law]["at_shown_pulse_s"] > 0.5
 
 
-def test_calibrated_settings_come_nearer_than_the_printed_ones(results):
-    for case, found in results["calibrated"].items():
-        assert found["rms_residual_percent"] < LARGEST_RESIDUAL_PERCENT[case]
-        assert found["rows"]["PD"]["restoring_time_s"] > 0.0
+@pytest.mark.parametrize("case", ["case-1", "case-2"])
+def test_calibrated_settings_come_near_the_published_rows(results, case):
+    found = results["calibrated"][case]
+    assert found["rms_residual_percent"] < LARGEST_RESIDUAL_PERCENT[case]
+    for law in ("PD", "NLPD"):
+        for key in ("rmse_x_m", "rmse_y_m", "rmse_yaw_rad", "arrival_time_s"):
+            assert abs(found["rows"][law]["difference_percent"][key]) < 10.0
+    # The published contrast: the PD loses the link, the NLPD hardly or not at all.
+    assert found["rows"]["PD"]["restoring_time_s"] > 0.7
+    assert found["rows"]["NLPD"]["restoring_time_s"] < 0.2
 
 
 def test_stability_claim_holds_along_the_flights(results):
