@@ -15,7 +15,7 @@ import numpy as np
 
 from uwoc_gym.agents import report
 from uwoc_gym.agents.command import output_folder, require, seconds, whole
-from uwoc_gym.baselines import Controller
+from uwoc_gym.baselines import NLPDController
 from uwoc_gym.block import MEASURES
 from uwoc_gym.fleet import Autoreset, Fleet, _step
 from uwoc_gym.observation import SIZE
@@ -234,7 +234,7 @@ def measure_pictures(args: argparse.Namespace) -> dict[str, Any]:
     """Pictures per second of an environment that is stepped and drawn in turns, as recording does."""
     env = gym.make("uwoc/StrongPulse-v0", render_mode="rgb_array")
     own: Any = env.unwrapped
-    pilot = Controller("paper-nlpd", own.scenario)
+    pilot = NLPDController(scenario=own.scenario)
 
     def fly(pictures: int) -> int:
         observation, _ = env.reset(seed=args.seed)
