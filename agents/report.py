@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from uwoc_gym.agents.command import write_text
 from uwoc_gym.agents.evaluate import Series
+from uwoc_gym.agents.statistics import profile
 from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
@@ -338,6 +339,40 @@ def learning_curve(
     chart.suptitle(title)
     part = path.with_name(path.name + ".part")
     chart.savefig(part, dpi=120, format="png")
+    part.replace(path)
+
+
+def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scenario) -> None:
+    """Draw each policy's performance profile: the share of episodes above each share of the possible return.
+
+    Args:
+        path: PNG file to write.
+        name: The scenario's name, for the title.
+        returns: Return by policy, any shape.
+        scenario: The scenario, for the highest possible return.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    most = scenario.episode.steps * scenario.reward.bounds[1]
+    shares = {policy: np.asarray(values).ravel() / most for policy, values in returns.items()}
+    every = np.concatenate(list(shares.values()))
+    levels = np.linspace(*np.quantile(every, (0.005, 1.0)), 400)
+    chart = Figure(figsize=(8.0, 4.6), layout="constrained")
+    FigureCanvasAgg(chart)
+    axis = chart.add_subplot()
+    for i, (policy, values) in enumerate(shares.items()):
+        axis.plot(
+            levels, profile(values, levels), color=COLOURS[i % len(COLOURS)], linestyle=DASHES[i % len(DASHES)],
+            label=policy,
+        )  # fmt: skip
+    axis.set_xlabel("share of the possible return")
+    axis.set_ylabel("share of episodes above it")
+    axis.grid(color="#dddddd", linewidth=0.6)
+    axis.legend(fontsize=8)
+    axis.set_title(name)
+    part = path.with_name(path.name + ".part")
+    chart.savefig(part, dpi=150, format="png")
     part.replace(path)
 
 

@@ -45,6 +45,8 @@ class Found(NamedTuple):
     """Whether the search wasn't interrupted."""
 
 
+Direction = Literal["minimize", "maximize"]
+
 Evaluate = Callable[[list[dict[str, float]]], list[tuple[float, dict[str, float]]]]
 """Score and outcome of each of a batch of points."""
 
@@ -58,7 +60,7 @@ def search(
     trials: int,
     batch: int,
     seed: int,
-    direction: Literal["minimize", "maximize"],
+    direction: Direction,
     sampler: Literal["cma-es", "tpe"],
     begin: Sequence[Mapping[str, float]] = (),
     resume: bool = False,
@@ -135,7 +137,7 @@ def _sampler(name: str, seed: int, batch: int) -> Any:
         return optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
 
 
-def _open(folder: Path, described: dict[str, Any], direction: str, resume: bool) -> Any:
+def _open(folder: Path, described: dict[str, Any], direction: Direction, resume: bool) -> Any:
     import optuna
 
     path = folder / DATABASE

@@ -173,9 +173,8 @@ def _scenario(given: str) -> tuple[str, Scenario]:
 def gains_of(values: Mapping[str, float], source: str = "uwoc-gym tune") -> Gains:
     """The gain set of a point: x and y share theirs, since no axis of the horizontal plane is special."""
     names = dict.fromkeys(key.rpartition("_")[0] for key in values)
-    return Gains(
-        **{name: (values[f"{name}_xy"], values[f"{name}_xy"], values[f"{name}_yaw"]) for name in names}, source=source
-    )
+    axes: dict[str, Any] = {name: (values[f"{name}_xy"], values[f"{name}_xy"], values[f"{name}_yaw"]) for name in names}
+    return Gains(**axes, source=source)
 
 
 def _point(law: Gains, box: Mapping[str, Dimension]) -> dict[str, float]:

@@ -57,14 +57,14 @@ class Controller:
     """
 
     def __init__(self, gains: str | Gains | Sequence[str | Gains], scenario: str | Scenario = "Nominal") -> None:
-        single = isinstance(gains, str) or not isinstance(gains, Sequence)
-        given: Sequence[Any] = [gains] if single else gains
+        several: Sequence[Any] | None = gains if isinstance(gains, Sequence) and not isinstance(gains, str) else None
+        given: Sequence[Any] = [gains] if several is None else several
         if not given or not all(isinstance(each, (str, Gains)) for each in given):
             raise SettingError(
                 f"gains = {gains!r} is not allowed; it must be a Gains, the name of a gain set, or a sequence of them."
             )
         self.gain_sets = tuple(named_gains(each) if isinstance(each, str) else each for each in given)
-        axis: Any = 0 if single else slice(None)
+        axis: Any = 0 if several is None else slice(None)
         self._numbers = {
             name: np.array([getattr(each, name) for each in self.gain_sets])[axis]
             for name in ("a_p", "b_p", "mu_p", "a_v", "b_v", "mu_v")

@@ -84,8 +84,8 @@ CALIBRATED: dict[str, Calibrated] = {
 
 def improvement(pd: Row, nlpd: Row) -> Row:
     """How the paper compares: the share by which NLPD's RMSE is below PD's, and PD's arrival less NLPD's [s]."""
-    shares = [1.0 - after / before for before, after in zip(pd[:3], nlpd[:3], strict=True)]
-    return Row(*shares, pd.arrival_time_s - nlpd.arrival_time_s, math.nan)
+    x, y, yaw = (1.0 - after / before for before, after in zip(pd[:3], nlpd[:3], strict=True))
+    return Row(x, y, yaw, pd.arrival_time_s - nlpd.arrival_time_s, math.nan)
 
 
 def sampled_as_published(scenario: Scenario) -> Scenario:
@@ -129,8 +129,9 @@ def lyapunov(error: npt.ArrayLike, drift: npt.ArrayLike, yaw: npt.ArrayLike, gai
     flat = 0.5 * a * b ** (mu - 1.0) * np.minimum(size, b) ** 2
     beyond = a * (np.maximum(size, b) ** (mu + 1.0) - b ** (mu + 1.0)) / (mu + 1.0)
     inertia = _in_earth_frame(vehicle.inertia, np.asarray(yaw, dtype=float))
-    kinetic: Array = 0.5 * np.einsum("...i,...ij,...j->...", rate, inertia, rate)
-    return kinetic + (flat + beyond).sum(axis=-1)
+    kinetic = 0.5 * np.einsum("...i,...ij,...j->...", rate, inertia, rate)
+    result: Array = kinetic + (flat + beyond).sum(axis=-1)
+    return result
 
 
 def damping_and_gain(

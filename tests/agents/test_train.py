@@ -298,7 +298,7 @@ def test_a_residual_run_flies_by_the_controller_that_it_was_trained_with(tmp_pat
     agent = agents.load(str(out), SCENARIO)
     assert isinstance(agent, inference.Agent)
     assert agent.controller is not None
-    assert agent.controller.gains.a_p == (300.0, 300.0, 300.0)
+    assert agent.controller.gain_sets[0].a_p == (300.0, 300.0, 300.0)
     action, _ = agent.predict(np.zeros(20, dtype=np.float32), deterministic=True)
     assert action.shape == (3,)
     results = _results(out)

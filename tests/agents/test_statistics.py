@@ -1,0 +1,69 @@
+"""Statistics of scores, against SciPy and against samples whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import trim_mean
+
+from uwoc_gym.agents import statistics
+
+SCORES = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=10))
+def test_interquartile_mean_is_scipys_where_quarters_are_whole(values):
+    scores = np.repeat(values, 4)
+    assert statistics.interquartile_mean(scores) == pytest.approx(trim_mean(scores, 0.25), abs=1e-9)
+
+
+@given(SCORES)
+def test_interquartile_mean_lies_between_the_extremes_and_ignores_outliers(values):
+    found = statistics.interquartile_mean(values)
+    assert min(values) - 1e-9 <= found <= max(values) + 1e-9
+    four = statistics.interquartile_mean([0.0, 1.0, 2.0, 1e9])
+    assert four == pytest.approx(1.5)
+
+
+def test_worst_share_and_improvement():
+    assert statistics.worst_share(np.arange(100.0)) == 2.0
+    assert statistics.worst_share([3.0, 1.0]) == 1.0
+    assert statistics.improvement([1.0, -1.0, 0.0, 2.0]) == 0.625
+
+
+def test_interval_covers_the_truth_about_as_often_as_it_says():
+    rng = np.random.default_rng(0)
+    hits = 0
+    for _ in range(100):
+        rows, columns = rng.normal(0, 1, (12, 1)), rng.normal(0, 1, (1, 60))
+        found = statistics.estimate(5.0 + rows + columns, statistics.mean, rng, 200)
+        hits += found.low <= 5.0 <= found.high
+    assert 82 <= hits <= 99
+
+
+def test_interval_grows_with_unlike_trainings():
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0, 1, (8, 100))
+    alike = statistics.estimate(noise, statistics.mean, rng)
+    unlike = statistics.estimate(noise + 3.0 * np.arange(8)[:, None], statistics.mean, rng)
+    assert unlike.high - unlike.low > 5.0 * (alike.high - alike.low)
+
+
+def test_one_row_one_score_and_equal_scores():
+    rng = np.random.default_rng(2)
+    row = statistics.estimate([1.0, 2.0, 4.0], statistics.mean, rng)
+    assert row.low < row.value < row.high
+    assert np.isnan(statistics.estimate([[7.0]], statistics.mean, rng).low)
+    assert statistics.estimate(np.full((3, 4), 2.0), statistics.mean, rng) == (2.0, 2.0, 2.0)
+
+
+def test_same_generator_gives_the_same_interval():
+    scores = np.random.default_rng(3).normal(size=(4, 20))
+    twice = [statistics.estimate(scores, statistics.interquartile_mean, np.random.default_rng(5)) for _ in range(2)]
+    assert twice[0] == twice[1]
+
+
+def test_profile_falls_from_one_to_nothing():
+    assert statistics.profile([1.0, 2.0, 3.0], [0.0, 1.5, 3.0]).tolist() == [1.0, pytest.approx(2 / 3), 0.0]
