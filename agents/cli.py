@@ -10,7 +10,21 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import benchmark, calibrate, listing, protocol, report, reproduce, single, speed, train, tune
+from uwoc_gym.agents import (
+    benchmark,
+    calibrate,
+    listing,
+    protocol,
+    record,
+    replay,
+    report,
+    reproduce,
+    single,
+    speed,
+    train,
+    tune,
+    watch,
+)
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.parameters import SettingError
 
@@ -23,6 +37,9 @@ COMMANDS: dict[str, ModuleType] = {
     "protocol": protocol,
     "calibrate": calibrate,
     "reproduce": reproduce,
+    "watch": watch,
+    "record": record,
+    "replay": replay,
     "speed": speed,
 }
 """Module of each command, which has HELP, EXAMPLES, add_arguments(parser) and run(args)."""

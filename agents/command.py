@@ -10,15 +10,20 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from uwoc_gym.spaces import SMALLEST_FRAME, check_render_size
+
 EXTRAS = {
-    "matplotlib": "benchmark",
-    "tqdm": "benchmark",
-    "stable_baselines3": "agents",
-    "sb3_contrib": "agents",
-    "tensorboard": "agents",
-    "yaml": "agents",
-    "optuna": "tune",
     "cmaes": "tune",
+    "imageio_ffmpeg": "render",
+    "matplotlib": "benchmark",
+    "optuna": "tune",
+    "plotly": "render",
+    "pygame": "render",
+    "sb3_contrib": "agents",
+    "stable_baselines3": "agents",
+    "tensorboard": "agents",
+    "tqdm": "benchmark",
+    "yaml": "agents",
 }
 """Which extra of this package brings a module."""
 
@@ -70,15 +75,41 @@ def whole(low: int) -> Callable[[str], int]:
     return parse
 
 
-def seconds(text: str) -> float:
-    """An argparse type: a time above 0 [s]."""
+def _number(text: str, allowed: str, low: float, strictly: bool) -> float:
     try:
         value = float(text)
     except ValueError:
-        value = 0.0
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not allowed; it must be a number of seconds above 0.")
+        value = math.nan
+    if not (low < value if strictly else low <= value) or not value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not allowed; it must be {allowed}.")
     return value
+
+
+def seconds(text: str) -> float:
+    """An argparse type: a time above 0 [s]."""
+    return _number(text, "a number of seconds above 0", 0.0, True)
+
+
+def moment(text: str) -> float:
+    """An argparse type: a time of at least 0 [s]."""
+    return _number(text, "a number of seconds of at least 0", 0.0, False)
+
+
+def above_zero(text: str) -> float:
+    """An argparse type: a number above 0."""
+    return _number(text, "a number above 0", 0.0, True)
+
+
+def frame_size(text: str) -> tuple[int, int]:
+    """An argparse type: the width and height of a picture [px], as in 1280x720."""
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+        return check_render_size((width, height))
+    except ValueError:
+        least = "x".join(str(side) for side in SMALLEST_FRAME)
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not allowed; it must be a width and a height [px] of at least {least}, as in 1280x720."
+        ) from None
 
 
 def write_text(path: Path, text: str) -> None:

@@ -318,7 +318,7 @@ def fly(
         if step == steps or not alive.any():
             break
         actions, memory = predictor.predict(observations, state=memory, episode_start=begun, deterministic=True)
-        actions = np.where(alive[:, None], _checked(policy, actions, size), np.float32(0.0))
+        actions = np.where(alive[:, None], checked_actions(policy, actions, size), np.float32(0.0))
         observations, rewards, terminated, truncated, _ = env.step(actions)
         begun = terminated | truncated
         state = env.state()
@@ -354,7 +354,12 @@ def fly(
     )
 
 
-def _checked(policy: Policy, actions: Any, size: int) -> npt.NDArray[np.float32]:
+def checked_actions(policy: Policy, actions: Any, size: int) -> npt.NDArray[np.float32]:
+    """A policy's answer for so many environments as an array.
+
+    Raises:
+        CommandError: It has another shape than (size, 3) or isn't finite.
+    """
     array = np.asarray(actions, dtype=np.float32)
     if array.shape != (size, ACTION_SIZE) or not np.isfinite(array).all():
         raise CommandError(

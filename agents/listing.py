@@ -17,6 +17,7 @@ DESCRIPTIONS = {
     "Nominal": "the paper's nominal run: calm water, the ship on its circle, 150 s",
     "CurrentPulse": "the paper's Case I: a force pulse at 30 s (noise, whose level it doesn't give, is off)",
     "MassError": "the paper's Case II: Case I with masses 20 % above what controllers know",
+    "StrongPulse": "Case I with a pulse of 1500 N, 1500 N, 1500 N m, at which the printed PD loses the link",
     "PaperCaseI": "Case I with the pulse and noise that come nearest to its table; actions every 0.005 s, 60 s",
     "PaperCaseII": "Case II likewise",
     "Random": "everything drawn from the seed: ship's path, start, masses, pulses, current, noise; 60 s",

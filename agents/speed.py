@@ -14,7 +14,8 @@ import numba
 import numpy as np
 
 from uwoc_gym.agents import report
-from uwoc_gym.agents.command import output_folder, seconds, whole
+from uwoc_gym.agents.command import output_folder, require, seconds, whole
+from uwoc_gym.baselines import NLPDController
 from uwoc_gym.block import MEASURES
 from uwoc_gym.fleet import Autoreset, Fleet, _step
 from uwoc_gym.observation import SIZE
@@ -26,6 +27,7 @@ EXAMPLES = """\
 examples:
   uwoc-gym speed
   uwoc-gym speed --rounds 9 --time 1 --out speed
+  uwoc-gym speed --render
 """
 
 REFERENCE = "CartPole-v1"
@@ -59,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fleet", type=whole(1), default=65536, metavar="N", help="simulations for the memory (default: %(default)s)"
     )
     parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="seed (default: %(default)s)")
+    parser.add_argument("--render", action="store_true", help="measure pictures per second instead")
     parser.add_argument("--out", metavar="DIR", help="folder for results.json")
 
 
@@ -227,6 +230,28 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     return {"reference": REFERENCE, "rates": rates, "python_at_1": python, "memory": _memory("Nominal", args.fleet, 0)}
 
 
+def measure_pictures(args: argparse.Namespace) -> dict[str, Any]:
+    """Pictures per second of an environment that is stepped and drawn in turns, as recording does."""
+    env = gym.make("uwoc/StrongPulse-v0", render_mode="rgb_array")
+    own: Any = env.unwrapped
+    pilot = NLPDController(scenario=own.scenario)
+
+    def fly(pictures: int) -> int:
+        observation, _ = env.reset(seed=args.seed)
+        for _ in range(pictures):
+            observation, _, terminated, truncated, _ = env.step(pilot.predict(observation)[0])
+            env.render()
+            if terminated or truncated:
+                observation, _ = env.reset()
+        return pictures
+
+    runner = _Runner(fly, env.close)
+    pictures = _steps_for(runner, args.time)
+    rounds = [_rate(runner, pictures) for _ in range(args.rounds)]
+    runner.close()
+    return {"size": list(own.render_size), "pictures_per_s": statistics.median(rounds), "rounds": rounds}
+
+
 def _table(data: dict[str, Any]) -> str:
     header = ["env", "envs", "steps/s", f"{REFERENCE} steps/s", "ratio", "target", "integration steps/s"]
     lines = []
@@ -251,8 +276,14 @@ def _table(data: dict[str, Any]) -> str:
 def run(args: argparse.Namespace) -> int:
     """Measure and print; returns the exit status."""
     folder = output_folder(args.out) if args.out else None
-    data = measure(args)
-    print(_table(data), end="")
+    if args.render:
+        require("pygame")
+        data = measure_pictures(args)
+        width, height = data["size"]
+        print(f"{data['pictures_per_s']:.0f} pictures of {width}x{height} per second, steps included")
+    else:
+        data = measure(args)
+        print(_table(data), end="")
     if folder is not None:
         settings = {"rounds": args.rounds, "time_s": args.time, "seed": args.seed}
         document = {"command": args.command_line, "versions": report.versions(), "settings": settings, **data}

@@ -12,12 +12,15 @@ from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
 from uwoc_gym.observation import SIZE
 from uwoc_gym.spaces import (
     ACTION_SIZE,
+    FRAME,
     ScenarioLike,
     action_space,
     build_scenario,
     check_options,
     check_render_mode,
+    check_render_size,
     episode_scenario,
+    import_rendering,
     observation_space,
 )
 
@@ -95,17 +98,17 @@ class TrackingEnv(gym.Env[Observation, Observation]):
 
     ## Starting State
 
-    The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in the paper's scenarios; near the ship, with
-    everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y, yaw), "velocity": (surge,
-    sway, yaw rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame] and merges overrides for one
-    episode; `"parameters": {"sea.pulses[0].force_x_n": 800.0}` sets numbers that the scenario would draw.
+    The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal` and all cases; near the ship, with
+    everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y, yaw), "velocity": (surge, sway, yaw
+    rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame] and merges overrides for one episode;
+    `"parameters": {"sea.pulses[0].force_x_n": 800.0}` sets numbers that the scenario would draw.
 
     ## Episode End
 
     Terminated when the horizontal distance to the ship exceeds `episode.lost_distance_m` (20 m): the link is lost
     beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`; `max_episode_steps` can shorten
-    that. At the end `info["is_success"]` says whether the AUV was inside the cone throughout the last third of the
-    episode, and before, whether it has been so for the last third of the time flown.
+    that, and so does closing the window. At the end `info["is_success"]` says whether the AUV was inside the cone
+    throughout the last third of the episode, and before, whether it has been so for the last third of the time flown.
 
     `info` holds at every step `bit_rate_bps` at the target bit error rate, `snr` and `ber` at the threshold rate,
     `range_m`, `pointing_error_rad`, `in_cone`, `cost` (1 outside the cone, else 0), the reward terms and `is_success`,
@@ -116,6 +119,10 @@ class TrackingEnv(gym.Env[Observation, Observation]):
     - `scenario`: overrides as a nested mapping, `{"vehicle": {"mass_scale": 1.2}}`, or a whole `Scenario` or its name.
     - `control_period_s`: time between actions [s], by default 0.05.
     - `integration_step_s`: integration step [s], by default 0.005; the control period is a whole multiple of it.
+    - `render_mode`: "rgb_array" for pictures from `render()`, which need no display, or "human" for a window, which
+      shows each step at its time. Both need pygame (extra `render`). Once the user has closed the window, the step
+      under way and the first step of any later episode are truncated, so that loops run out; `close()` ends that.
+    - `render_size`: width and height of the pictures [px], by default (1280, 720).
 
     ## Version History
 
@@ -123,9 +130,11 @@ class TrackingEnv(gym.Env[Observation, Observation]):
 
     Raises:
         SettingError: A setting is unknown or not allowed.
+        ValueError: The render mode or size isn't allowed.
+        DependencyNotInstalled: "human" needs pygame, which isn't installed.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 20}  # noqa: RUF012 - as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -134,9 +143,15 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         integration_step_s: float | None = None,
         render_mode: str | None = None,
         scenario_name: str = "Nominal",
+        render_size: tuple[int, int] = FRAME,
     ) -> None:
-        check_render_mode(render_mode)
-        self.render_mode = None
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        self.render_size = check_render_size(render_size)
+        self._renderer: Any = None
+        self._window: Any = None
+        if render_mode == "human":
+            import_rendering()
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
         self.action_space = action_space()
         self.observation_space = observation_space()
@@ -175,6 +190,8 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         observation = np.empty((1, SIZE), dtype=np.float32)
         self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"), given.get("parameters"))
         self._running = True
+        if self.render_mode is not None:
+            self._begin_pictures()
         values = self._fleet.single.tolist()
         return observation[0], _info(values)
 
@@ -199,6 +216,8 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         values = self._step_fleet(action, observation)
         terminated = values[_TERMINATED] > 0.0
         truncated = values[_TRUNCATED] > 0.0
+        if self.render_mode is not None:
+            truncated = self._picture() or truncated
         if terminated or truncated:
             self._running = False
         return observation, values[_REWARD], terminated, truncated, _info(values)
@@ -230,11 +249,83 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         """What the present episode has drawn for each number of the scenario, by its path."""
         return {path: float(values[0]) for path, values in self._fleet.drawn().items()}
 
+    def push(self, impulse: npt.ArrayLike) -> None:
+        """Give the AUV a shove: change its velocity at once.
+
+        Args:
+            impulse: Along surge, along sway and about yaw, shape (3,) [N s, N s, N m s]; the velocity changes by the
+                impulse over the AUV's true masses. The next observation shows it.
+
+        Raises:
+            ResetNeeded: No episode is running.
+            ValueError: The impulse has another shape or isn't finite; nothing has moved.
+        """
+        if not self._running:
+            raise gym.error.ResetNeeded("the episode has ended or not begun; call reset() before push().")
+        self._fleet.push(_LANE, impulse)
+
+    def render(self) -> Any:
+        """The picture of the present state, uint8 of shape (height, width, 3), in the mode "rgb_array".
+
+        In the mode "human", in which each `reset` and `step` shows the state by itself, shows it again and returns
+        None. In both modes trail, charts and data delivered reach back to the `reset` that follows the first call,
+        or to the first call itself.
+
+        Raises:
+            ResetNeeded: Nothing has been reset yet.
+            DependencyNotInstalled: pygame isn't installed.
+            NoDisplayError: There is no display for the mode "human".
+        """
+        if self.render_mode is None:
+            gym.logger.warn('render() draws nothing without a render mode; make the environment with "rgb_array".')
+            return None
+        if not self._fleet.begun:
+            raise gym.error.ResetNeeded("there is nothing to draw yet; call reset() before render().")
+        if self._renderer is None:
+            self._make_renderer()
+        if self.render_mode == "rgb_array":
+            return self._renderer.frame()
+        self._show()
+        return None
+
+    def _make_renderer(self) -> None:
+        rendering = import_rendering()
+        name = self.spec.id if self.spec is not None else type(self).__name__
+        self._renderer = rendering.Renderer(self._fleet.scenario, self.render_size, name)
+        self._renderer.begin(self.state(), self.parameters())
+
+    def _begin_pictures(self) -> None:
+        if self._renderer is not None:
+            self._renderer.configure(self._fleet.scenario)
+            self._renderer.begin(self.state(), self.parameters())
+        elif self.render_mode == "human":
+            self._make_renderer()
+        if self.render_mode == "human":
+            self._show()
+
+    def _picture(self) -> bool:
+        """Take the state into the pictures, if anyone looks at them; returns whether the window has been closed."""
+        if self._renderer is not None:
+            self._renderer.record(self.state())
+        if self.render_mode == "human":
+            self._show()
+        return self._window is not None and bool(self._window.closed)
+
+    def _show(self) -> None:
+        if self._window is None:
+            self._window = import_rendering().Window(self.render_size, self._renderer.title)
+        if not self._window.closed:
+            self._window.show(self._renderer.draw(), self.metadata["render_fps"])
+
     def close(self) -> None:
-        """Nothing to free."""
+        """Close the window, if there is one; the next `reset` in the mode "human" opens another."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_step_fleet"}
+        # Pictures belong to the process that draws them.
+        return {**self.__dict__, "_step_fleet": None, "_renderer": None, "_window": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

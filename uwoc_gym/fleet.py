@@ -801,6 +801,32 @@ class Fleet:
             chosen[i] = array
         return rows, chosen
 
+    @property
+    def begun(self) -> bool:
+        """Whether any simulation has been reset."""
+        return bool((self.row(EPISODE)[self._seeded] >= 0.0).any())
+
+    def push(self, lanes: npt.NDArray[np.int64], impulse: npt.ArrayLike) -> None:
+        """Change the AUVs' velocities at once, by an impulse over their true masses.
+
+        Args:
+            lanes: Indices of the simulations to push.
+            impulse: Along surge, along sway and about yaw, shape (3,) [N s, N s, N m s].
+
+        Raises:
+            ValueError: The impulse has another shape or isn't finite; nothing has moved.
+        """
+        try:
+            given = np.asarray(impulse, dtype=float)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise ValueError(f"impulse = {impulse!r} is not allowed; it must be finite and of shape (3,).")
+        rows = ((SURGE, INVERSE_SURGE), (SWAY, INVERSE_SWAY), (YAW_RATE, INVERSE_YAW))
+        for own, (velocity, inverse) in zip(given, rows, strict=True):
+            before = self._by_row[lanes // LANES, velocity, lanes % LANES]
+            self._set_row(velocity, lanes, before + own * self._by_row[lanes // LANES, inverse, lanes % LANES])
+
     def _start_values(self, name: str, value: npt.ArrayLike | None) -> Array:
         if value is None:
             return np.full((self.size, 3), np.nan)

@@ -63,7 +63,7 @@ class TrackingVecEnv(VecEnv):
         self._info_keys = tuple(info_keys)
         self._actions: Any = None
         super().__init__(n_envs, self.vector_env.single_observation_space, self.vector_env.single_action_space)
-        self.render_mode = None
+        self.render_mode = self.vector_env.render_mode
         if seed is not None:
             self.seed(seed)
 
@@ -106,13 +106,17 @@ class TrackingVecEnv(VecEnv):
             dicts[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
         return observations, rewards.astype(np.float32), done, dicts
 
+    def get_images(self) -> Sequence[Any]:
+        """One picture per environment, from which Stable-Baselines3 composes those of `render`."""
+        return self.vector_env.render() or ()
+
     def close(self) -> None:
         """Close the environments."""
         self.vector_env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute of the vector environment, once for each of ``indices``."""
-        value = None if attr_name == "render_mode" else getattr(self.vector_env, attr_name)
+        value = getattr(self.vector_env, attr_name)
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:

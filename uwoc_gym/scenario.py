@@ -184,6 +184,7 @@ SCENARIOS: dict[str, Scenario] = {
     "Nominal": Scenario(),
     "CurrentPulse": Scenario(sea=_PULSE),
     "MassError": Scenario(sea=_PULSE, vehicle=Vehicle(mass_scale=1.2)),
+    "StrongPulse": Scenario(sea=Sea(pulses=(Pulse(force_x_n=1500.0, force_y_n=1500.0, moment_nm=1500.0),))),
     "PaperCaseI": Scenario(sea=_FOUND_PULSE_I, sensors=_FOUND_NOISE_I, episode=_AS_SAMPLED),
     "PaperCaseII": Scenario(
         vehicle=Vehicle(mass_scale=1.2), sea=_FOUND_PULSE_II, sensors=_FOUND_NOISE_II, episode=_AS_SAMPLED
@@ -246,5 +247,6 @@ SCENARIOS: dict[str, Scenario] = {
         episode=EpisodeSettings(duration_s=60.0),
     ),
 }
-"""The named scenarios: the paper's nominal run, Case I and Case II as printed; both cases with the pulse and the noise
-that `uwoc-gym calibrate` found to explain their tables, for actions every 0.005 s; and one that draws everything."""
+"""The named scenarios: the paper's nominal run, Case I and Case II as printed; Case I with a stronger pulse; both cases
+with the pulse and the noise that `uwoc-gym calibrate` found to explain their tables, for actions every 0.005 s; and one
+that draws everything."""

@@ -8,7 +8,9 @@ relative to it (Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Contr
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from uwoc_gym.block import (
     CURRENT_X,
@@ -75,6 +77,25 @@ class Sea(Parameters):
 
     pulses: tuple[Pulse, ...] = child((), (Pulse,), "force pulses, any number", many=True)
     current: Current = child(Current(), (Current,), "the current")
+
+
+class DrawnPulse(NamedTuple):
+    """When something pushes the AUV, and in words how hard."""
+
+    begin_s: float
+    end_s: float
+    words: str
+
+
+def drawn_pulses(parameters: Mapping[str, float]) -> list[DrawnPulse]:
+    """The pulses of an episode, from what `TrackingEnv.parameters` says it has drawn."""
+    found: list[DrawnPulse] = []
+    while f"sea.pulses[{len(found)}].start_s" in parameters:
+        own = f"sea.pulses[{len(found)}]."
+        begin, duration = parameters[own + "start_s"], parameters[own + "duration_s"]
+        x, y, moment = (parameters[own + name] for name in ("force_x_n", "force_y_n", "moment_nm"))
+        found.append(DrawnPulse(begin, begin + duration, f"pulse: {x:.0f} N, {y:.0f} N, {moment:.0f} N m"))
+    return found
 
 
 @inlined

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib
+from collections.abc import Mapping, Sequence
+from types import ModuleType
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.error import DependencyNotInstalled
 
 from uwoc_gym.observation import ENTRIES
 from uwoc_gym.scenario import Scenario, as_scenario
@@ -30,6 +33,11 @@ INFO_NAMES = (
     "is_success",
 )
 """Keys of `info` at every step, in the order of the fleet's measures."""
+
+FRAME = (1280, 720)
+"""Width and height of a rendered frame by default [px]."""
+SMALLEST_FRAME = (320, 180)
+"""Least width and height of a frame [px]."""
 
 VectorSpace = spaces.Space[npt.NDArray[np.float32]]
 ScenarioLike = str | Scenario | Mapping[str, Any]
@@ -79,14 +87,51 @@ def episode_scenario(base: Scenario, overrides: Any) -> Scenario:
     return changed
 
 
-def check_render_mode(render_mode: str | None) -> None:
-    """Accept the modes that wrappers and libraries ask for by default, though there is nothing to render.
+def check_render_mode(render_mode: str | None, allowed: Sequence[str]) -> None:
+    """Refuse what can't be rendered.
 
     Raises:
-        ValueError: The mode isn't one of Gymnasium's.
+        ValueError: The mode isn't among ``allowed``.
     """
-    if render_mode not in (None, "rgb_array", "human"):
-        raise ValueError(f"render_mode = {render_mode!r} is not allowed; it must be None.")
+    if render_mode is not None and render_mode not in allowed:
+        hint = ""
+        if render_mode == "human":
+            hint = " To see a vector environment, wrap it in gymnasium.wrappers.vector.HumanRendering."
+        modes = ", ".join(repr(mode) for mode in allowed)
+        raise ValueError(f"render_mode = {render_mode!r} is not allowed; it must be None or one of {modes}.{hint}")
+
+
+def import_rendering() -> ModuleType:
+    """The module that draws, which needs pygame; it's only imported when there is something to draw.
+
+    Raises:
+        DependencyNotInstalled: pygame isn't there; the extra that brings it is named.
+    """
+    try:
+        return importlib.import_module("uwoc_gym.rendering")
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] != "pygame":
+            raise
+        raise DependencyNotInstalled('pygame is not installed; run: pip install "uwoc-gym[render]"') from error
+
+
+def check_render_size(render_size: Any) -> tuple[int, int]:
+    """Width and height of a frame [px], made even as video encoders want them.
+
+    Raises:
+        ValueError: They aren't two whole numbers, or too small to show anything.
+    """
+    try:
+        width, height = (int(value) for value in render_size)
+        fits = (width, height) == tuple(render_size) and width >= SMALLEST_FRAME[0] and height >= SMALLEST_FRAME[1]
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        raise ValueError(
+            f"render_size = {render_size!r} is not allowed; it must be a whole width and height of at least "
+            f"{SMALLEST_FRAME[0]} and {SMALLEST_FRAME[1]} [px]."
+        )
+    return width // 2 * 2, height // 2 * 2
 
 
 def check_options(options: Mapping[str, Any] | None, allowed: tuple[str, ...]) -> Mapping[str, Any]:

@@ -15,13 +15,16 @@ from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
 from uwoc_gym.observation import SIZE
 from uwoc_gym.spaces import (
     ACTION_SIZE,
+    FRAME,
     INFO_NAMES,
     ScenarioLike,
     action_space,
     build_scenario,
     check_options,
     check_render_mode,
+    check_render_size,
     episode_scenario,
+    import_rendering,
     observation_space,
 )
 
@@ -52,13 +55,16 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         autoreset_mode: What happens after an episode's end: the next step begins a new one (the default), the same
             step does, or nothing does until ``reset(options={"reset_mask": mask})``.
         threads: Threads that share the work; worth it from several thousand environments on.
+        render_mode: "rgb_array" for pictures from `render`, which need pygame (extra ``render``).
+        render_size: Width and height of each picture [px].
 
     Raises:
         SettingError: A setting is unknown or not allowed.
-        ValueError: ``num_envs``, ``threads`` or ``max_episode_steps`` is below 1.
+        ValueError: ``num_envs``, ``threads`` or ``max_episode_steps`` is below 1, or the render mode or size isn't
+            allowed.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 20}  # noqa: RUF012 - as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -71,9 +77,12 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         threads: int = 1,
         render_mode: str | None = None,
         scenario_name: str = "Nominal",
+        render_size: tuple[int, int] = FRAME,
     ) -> None:
-        check_render_mode(render_mode)
-        self.render_mode = None
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        self.render_size = check_render_size(render_size)
+        self._renderers: list[Any] = []
         mode = AutoresetMode(autoreset_mode)
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
         self._max_episode_steps = max_episode_steps
@@ -123,6 +132,8 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         observations = np.empty((self.num_envs, SIZE), dtype=np.float32) if mask.all() else self._fleet.observe()
         self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"), given.get("parameters"))
         self._begun = True
+        if self._renderers:
+            self._begin_pictures(lanes)
         infos = self._present_infos()
         if not mask.all():
             infos |= {f"_{name}": mask.copy() for name in INFO_NAMES}
@@ -184,6 +195,8 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         finals = np.empty_like(observations) if self._same_step else None
         ends = self._fleet.step(given, observations, out, flags, finals)
         terminated, truncated, in_cone, success = flags
+        if self._renderers:
+            self._picture()
         if not ends or finals is None:
             return observations, out[_REWARD], terminated, truncated, self._infos(out, in_cone, success)
         ended = terminated | truncated
@@ -216,9 +229,56 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         """What the present episodes have drawn for each number of the scenario, by its path, shape (N,)."""
         return self._fleet.drawn()
 
+    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
+        """One picture per environment, each uint8 of shape (height, width, 3); None without a render mode.
+
+        From the first call on each step is taken into trails, charts and data delivered.
+
+        Raises:
+            ResetNeeded: Nothing has been reset yet.
+            DependencyNotInstalled: pygame isn't installed.
+        """
+        if self.render_mode is None:
+            gym.logger.warn('render() draws nothing without a render mode; make the environment with "rgb_array".')
+            return None
+        if not self._begun:
+            raise gym.error.ResetNeeded("there is nothing to draw yet; call reset() before render().")
+        if not self._renderers:
+            renderer = import_rendering().Renderer
+            name = self.spec.id if self.spec is not None else type(self).__name__
+            self._renderers = [
+                renderer(self._fleet.scenario, self.render_size, f"{name} · {i}") for i in range(self.num_envs)
+            ]
+            self._begin_pictures(np.arange(self.num_envs))
+        return tuple(renderer.frame() for renderer in self._renderers)
+
+    def _begin_pictures(self, lanes: npt.NDArray[np.int64]) -> None:
+        state, parameters = self.state(), self.parameters()
+        for i in lanes.tolist():
+            self._renderers[i].configure(self._fleet.scenario)
+            self._renderers[i].begin(_lane(state, i), _lane(parameters, i))
+
+    def _picture(self) -> None:
+        """Take the states into the pictures; at time 0 a new episode has begun by itself."""
+        state = self.state()
+        fresh = np.flatnonzero(state["time_s"] == 0.0)
+        if fresh.size:
+            self._begin_pictures(fresh)
+        for i in np.flatnonzero(state["time_s"] > 0.0).tolist():
+            self._renderers[i].record(_lane(state, i))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Pictures belong to the process that draws them.
+        return {**self.__dict__, "_renderers": []}
+
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads, if there are any."""
         self._fleet.close()
+
+
+def _lane(values: dict[str, npt.NDArray[Any]], i: int) -> dict[str, Any]:
+    """One environment's part of batched values."""
+    return {name: array[i] for name, array in values.items()}
 
 
 def _object_array(rows: Observations, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.object_]:

@@ -262,6 +262,13 @@ def test_speed_reports_ratios(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert results["memory"]["state_bytes"] > 0
 
 
+def test_speed_counts_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pygame")
+    assert main(["speed", "--render", "--rounds", "1", "--time", "0.1", "--out", str(tmp_path)]) == 0
+    assert "pictures of 1280x720 per second" in capsys.readouterr().out
+    assert json.loads((tmp_path / "results.json").read_text())["pictures_per_s"] > 0
+
+
 def test_intervals_hold_their_mean_and_skip_what_is_not_finite() -> None:
     values = np.random.default_rng(0).normal(5.0, 1.0, 30)
     summary = report.summarise([*values, math.nan, math.inf], np.random.default_rng(1))

@@ -289,6 +289,8 @@ def test_named_scenarios_are_the_papers():
     pulse = Pulse(start_s=30.0, duration_s=1.0, force_x_n=350.0, force_y_n=350.0, moment_nm=350.0, frame="body")
     assert Scenario.named("CurrentPulse") == Scenario(sea=Sea(pulses=(pulse,)))
     assert Scenario.named("MassError") == Scenario(sea=Sea(pulses=(pulse,)), vehicle=Vehicle(mass_scale=1.2))
+    strong = Pulse(force_x_n=1500.0, force_y_n=1500.0, moment_nm=1500.0)
+    assert Scenario.named("StrongPulse") == Scenario(sea=Sea(pulses=(strong,)))
     start = Scenario().start
     assert (start.x_m, start.y_m, start.yaw_rad, start.surge_mps) == (5.0, 5.0, 0.0, 0.0)
 

@@ -1,0 +1,103 @@
+"""`uwoc-gym record`: policies on the same episode, side by side, to MP4 and GIF."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from uwoc_gym.agents import episode, video
+from uwoc_gym.agents.command import CommandError, above_zero, frame_size, moment, require, seconds
+from uwoc_gym.spaces import FRAME
+
+HELP = "record policies on the same episode, side by side, to MP4 or GIF"
+EXAMPLES = """\
+examples:
+  uwoc-gym record
+  uwoc-gym record --policy pd nlpd --scenario StrongPulse --from 28 --to 38 --out pulse.mp4 pulse.gif
+  uwoc-gym record --policy runs/ppo/model.zip --scenario Random --seed 7 --size 1920x1080 --speed 2
+
+Interrupted, it ends the files where it is, so that they can be played.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    episode.add_arguments(parser, ["pd", "nlpd"])
+    episode.add_file_arguments(parser, "link.mp4", True, "one or several files, .mp4 or .gif")
+    parser.add_argument(
+        "--from", type=moment, default=0.0, metavar="S", dest="begin", help="first moment shown [s] (default: 0)"
+    )
+    parser.add_argument(
+        "--to", type=seconds, default=math.inf, metavar="S", dest="end", help="last moment shown [s] (default: the end)"
+    )
+    parser.add_argument(
+        "--speed", type=above_zero, default=1.0, metavar="X", help="times real time (default: %(default)g)"
+    )
+    parser.add_argument(
+        "--fps", type=above_zero, default=20.0, metavar="N", help="frames per second (default: %(default)g)"
+    )
+    parser.add_argument(
+        "--size", type=frame_size, default=FRAME, metavar="WxH", help="size of the picture [px] (default: 1280x720)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record; returns the exit status."""
+    require("pygame", "imageio_ffmpeg", "tqdm")
+    wanted = episode.chosen(args)
+    duration = wanted.scenario.episode.duration_s
+    if not args.begin < min(args.end, duration):
+        raise CommandError(
+            f"--from {args.begin:g} is not allowed; it must lie before --to and before the episode's end at "
+            f"{duration:g} s."
+        )
+    paths = [episode.output_file(given, video.SUFFIXES, args.force) for given in dict.fromkeys(args.out)]
+    if any(path.suffix.lower() == ".gif" for path in paths) and args.fps > 50.0:
+        raise CommandError(f"--fps {args.fps:g} is not allowed; a GIF shows at most 50 frames per second.")
+    return _record(args, wanted, paths, min(args.end, duration))
+
+
+def _record(args: argparse.Namespace, wanted: episode.Episode, paths: list[Path], end: float) -> int:
+    from tqdm import tqdm
+
+    from uwoc_gym.agents.stage import Stage
+
+    stage = Stage(wanted, args.size)
+    count = math.floor((end - args.begin) * args.fps / args.speed + 1e-9) + 1
+    shown = 0
+    with ExitStack() as files, _interruption() as interrupted:
+        writers = [files.enter_context(video.Video(path, args.size, args.fps)) for path in paths]
+        for k in tqdm(range(count), unit="frame", file=sys.stderr, desc="recording"):
+            stage.fly_until(args.begin + k * args.speed / args.fps)
+            frame = stage.frame()
+            for writer in writers:
+                writer.add(frame)
+            shown += 1
+            if interrupted.is_set() or stage.ended:
+                break
+    for path in paths:
+        print(f"{path}: {shown} frames, {shown / args.fps:.1f} s, {path.stat().st_size / 1e6:.2f} MB")
+    if interrupted.is_set():
+        print(f"uwoc-gym record: interrupted at {stage.time_s:.1f} s of the episode", file=sys.stderr)
+        return 130
+    return 0
+
+
+@contextmanager
+def _interruption() -> Iterator[threading.Event]:
+    """An event that an interrupt at the keyboard sets instead of stopping whatever is under way."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    before = signal.signal(signal.SIGINT, lambda number, frame: event.set())
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, before)
