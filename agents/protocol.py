@@ -24,6 +24,7 @@ from uwoc_gym.agents.evaluate import Policy, batches, draws, fly, load, load_sce
 from uwoc_gym.agents.hyperparameters import ALGORITHMS
 from uwoc_gym.agents.seeds import HELD_OUT
 from uwoc_gym.agents.statistics import Estimate
+from uwoc_gym.observation import SIZE
 from uwoc_gym.registry import ENV_IDS
 
 HELP = "train every group of agents from several seeds and compare them with the controllers on held-out seeds"
@@ -122,17 +123,19 @@ def run(args: argparse.Namespace) -> int:
         "scenarios": {name: _compared(own) for name, own in scores.items()},
         "microseconds_a_decision": {name: round(_decision_time(own[0]), 1) for name, own in policies.items()},
     }
-    np.savez_compressed(
-        folder / "scores.npz",
-        **{f"{s}/{p}/{key}": value for s, by in scores.items() for p, own in by.items() for key, value in own.items()},
-    )
+    arrays: dict[str, Any] = {
+        f"{scenario}/{policy}/{key}": values
+        for scenario, by_policy in scores.items()
+        for policy, measures in by_policy.items()
+        for key, values in measures.items()
+    }
+    np.savez_compressed(folder / "scores.npz", **arrays)
     results["wall_time_s"] = round(time.perf_counter() - begun, 1)
     report.write_json(folder / "results.json", results)
-    for name, own in scores.items():
-        if len(next(iter(own.values()))["return"][0]) > 1:
-            report.profiles(
-                folder / f"profile-{name}.png", name, {p: s["return"] for p, s in own.items()}, scenarios[name]
-            )
+    for name, by_policy in scores.items():
+        if by_policy[REFERENCE]["return"].shape[1] > 1:
+            returns = {policy: measures["return"] for policy, measures in by_policy.items()}
+            report.profiles(folder / f"profile-{name}.png", name, returns, scenarios[name])
     text = benchmark_text(results)
     write_text(folder / "BENCHMARK.md", text)
     print(text, end="")
@@ -254,24 +257,31 @@ def _compared(own: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:
             "difference": statistics.estimate(difference, statistics.mean, rng)._asdict(),
             "improvement": statistics.estimate(difference, statistics.improvement, rng)._asdict(),
             "measures": {
-                measure.key: statistics.estimate(measures[measure.key], _finite_mean, rng, 500)._asdict()
-                for measure in report.MEASURES
+                measure.key: _estimate_finite(measures[measure.key], rng)._asdict() for measure in report.MEASURES
             },
         }
     return found
 
 
-def _finite_mean(scores: Array) -> float:
-    """Mean of what is finite: a measure may not apply to every episode."""
-    finite = scores[np.isfinite(scores)]
-    return float(finite.mean()) if finite.size else math.nan
+def _estimate_finite(scores: Array, rng: np.random.Generator) -> Estimate:
+    """Mean of what is finite, since a measure may not apply to every episode."""
+    finite = np.isfinite(scores)
+    if not finite.any():
+        return Estimate(math.nan, math.nan, math.nan)
+
+    def mean(chosen: Array) -> float:
+        own = chosen[np.isfinite(chosen)]
+        # A resample may hold no episode to which the measure applies.
+        return float(own.mean()) if own.size else float(scores[finite].mean())
+
+    return statistics.estimate(scores, mean, rng, 500)
 
 
 def _decision_time(policy: Policy, calls: int = 300) -> float:
     """Microseconds that one policy takes for one decision on one observation, by the median call."""
     scenario = load_scenario("Random")[1]
     predictor = policy.make(scenario)
-    observation, state, times = np.zeros((1, inference.SIZE), dtype=np.float32), None, []
+    observation, state, times = np.zeros((1, SIZE), dtype=np.float32), None, []
     for _ in range(calls):
         begun = time.perf_counter()
         _, state = predictor.predict(

@@ -357,7 +357,7 @@ def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scen
     most = scenario.episode.steps * scenario.reward.bounds[1]
     shares = {policy: np.asarray(values).ravel() / most for policy, values in returns.items()}
     every = np.concatenate(list(shares.values()))
-    levels = np.linspace(*np.quantile(every, (0.005, 1.0)), 400)
+    levels = np.linspace(float(np.quantile(every, 0.005)), float(every.max()), 400)
     chart = Figure(figsize=(8.0, 4.6), layout="constrained")
     FigureCanvasAgg(chart)
     axis = chart.add_subplot()

@@ -42,7 +42,7 @@ def interquartile_mean(scores: npt.ArrayLike) -> float:
 
 def mean(scores: npt.ArrayLike) -> float:
     """Mean of all scores."""
-    return float(np.mean(scores))
+    return float(np.asarray(scores, dtype=float).mean())
 
 
 def worst_share(scores: npt.ArrayLike, share: float = 0.05) -> float:
@@ -73,7 +73,8 @@ def estimate(
     axes = [np.arange(size) for size in matrix.shape if size > 1]
     if not axes:
         return Estimate(value, math.nan, math.nan)
-    if np.ptp(matrix) == 0.0:
+    known = matrix[np.isfinite(matrix)]
+    if known.size and np.ptp(known) == 0.0:
         return Estimate(value, value, value)
     from scipy.stats import bootstrap
 

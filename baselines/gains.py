@@ -96,8 +96,8 @@ GAINS: dict[str, Gains] = {
         "aren't unique: seven numbers answer to four",
     ),
     "tuned-pd": Gains(
-        a_p=(300.0, 300.0, 300.0),
-        a_v=(250.0, 250.0, 250.0),
+        a_p=(6317.0, 6317.0, 3813.0),
+        a_v=(1809.0, 1809.0, 865.3),
         source=_TUNED.format("pd", 400),
     ),
     "tuned-nlpd": Gains(
