@@ -52,11 +52,19 @@ class Group:
     """Training seeds by default."""
 
 
+_EVALUATED = ("--eval-every", "500000", "--eval-episodes", "64")
+
 GROUPS: dict[str, Group] = {
-    "ppo": Group(("--algorithm", "ppo"), 10),
-    "ppo-stack": Group(("--algorithm", "ppo", "--frame-stack", "4"), 10),
-    "ppo-residual": Group(("--algorithm", "ppo", "--residual", "nlpd-tuned", "--frame-stack", "4"), 10),
-    "td3": Group(("--algorithm", "td3"), 5),
+    "ppo": Group(("--algorithm", "ppo", *_EVALUATED), 10),
+    "ppo-residual": Group(
+        (
+            *("--algorithm", "ppo", "--residual", "nlpd-tuned", "--scale", "0.6", "--steps", "3000000"),
+            *("--set", "policy_kwargs.log_std_init=-1.0", "--set", "learning_rate=lin_7e-4", *_EVALUATED),
+        ),
+        10,
+    ),
+    "ppo-one-frame": Group(("--algorithm", "ppo", "--frame-stack", "1", *_EVALUATED), 3),
+    "td3": Group(("--algorithm", "td3", "--eval-every", "30000", "--eval-episodes", "64"), 3),
 }
 """The groups of the benchmark; settings are those in `agents/settings/`."""
 
@@ -152,6 +160,8 @@ def _train(args: argparse.Namespace, members: Mapping[str, Sequence[Path]]) -> N
     from tqdm import tqdm
 
     wanted = [(group, seed, path) for group, own in members.items() for seed, path in enumerate(own)]
+    # By seed, so that a protocol that is stopped has as much of every group.
+    wanted.sort(key=lambda job: job[1])
     missing = [each for each in wanted if not _finished(each[2])]
 
     def one(job: tuple[str, int, Path]) -> str | None:
