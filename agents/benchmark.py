@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         nargs="+",
-        default=[name for name, policy in POLICIES.items() if policy.installed()],
+        default=[name for name, policy in POLICIES.items() if policy.installed() and name != "pd-plain"],
         metavar="POLICY",
         help="names, folders of training runs, saved .zip files or module:callable (default: %(default)s)",
     )

@@ -301,15 +301,6 @@ def _decision_time(policy: Policy, calls: int = 300) -> float:
     return 1e6 * float(np.median(times))
 
 
-def _text(found: Mapping[str, float], digits: int) -> str:
-    estimate = Estimate(**found)
-    if not math.isfinite(estimate.value):
-        return "–"
-    if not math.isfinite(estimate.low) or estimate.low == estimate.high:
-        return f"{estimate.value:.{digits}f}"
-    return f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
-
-
 def benchmark_text(results: Mapping[str, Any]) -> str:
     """The benchmark as Markdown."""
     parts = [
@@ -329,10 +320,13 @@ def benchmark_text(results: Mapping[str, Any]) -> str:
             ("return, IQM", "return_iqm", 1), ("return, worst", "return_worst", 1),
             ("difference", "difference", 2), ("P(improvement)", "improvement", 3),
         ):  # fmt: skip
-            lines.append([label, *(_text(entry[key], digits) for entry in own.values())])
+            lines.append([label, *(statistics.text(entry[key], digits) for entry in own.values())])
         for measure in report.MEASURES:
             lines.append(
-                [measure.heading, *(_text(entry["measures"][measure.key], measure.digits) for entry in own.values())]
+                [
+                    measure.heading,
+                    *(statistics.text(entry["measures"][measure.key], measure.digits) for entry in own.values()),
+                ]
             )
         parts += [f"## {scenario}", report.grid(header, lines)]
     speeds = results["microseconds_a_decision"]

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple, Self, TextIO
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.agents import statistics
 from uwoc_gym.agents.command import write_text
 from uwoc_gym.agents.evaluate import Series
-from uwoc_gym.agents.statistics import profile
 from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
@@ -104,8 +104,15 @@ class Result(NamedTuple):
         return {measure.key: summarise([row[measure.key] for row in self.rows], rng) for measure in MEASURES}
 
 
-def results_data(results: Sequence[Result], seed: int) -> list[dict[str, Any]]:
-    """The results as plain data for JSON and `table`."""
+def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tuned") -> list[dict[str, Any]]:
+    """The results as plain data for JSON and `table`.
+
+    Args:
+        results: What was flown.
+        seed: Seed of the resampling.
+        reference: The policy that others are compared with, episode by episode, where it flew the same ones.
+    """
+    partners = {result.scenario: result for result in results if result.policy == reference}
     return [
         {
             "scenario": result.scenario,
@@ -113,9 +120,24 @@ def results_data(results: Sequence[Result], seed: int) -> list[dict[str, Any]]:
             "episodes": len(result.rows),
             "one_episode_stands_for_all_seeds": result.collapsed,
             "measures": {key: summary._asdict() for key, summary in result.summaries(seed).items()},
+            "return_worst": statistics.worst_share([row["return"] for row in result.rows]),
+            "against": _against(result, partners.get(result.scenario), seed),
         }
         for result in results
     ]
+
+
+def _against(result: Result, partner: Result | None, seed: int) -> dict[str, Any] | None:
+    """Paired difference and probability of improvement in return; None without a partner for every episode."""
+    if partner is None or partner.policy == result.policy or len(partner.rows) != len(result.rows):
+        return None
+    differences = [a["return"] - b["return"] for a, b in zip(result.rows, partner.rows, strict=True)]
+    rng = np.random.default_rng(seed)
+    return {
+        "policy": partner.policy,
+        "difference": statistics.estimate(differences, statistics.mean, rng)._asdict(),
+        "improvement": statistics.estimate(differences, statistics.improvement, rng)._asdict(),
+    }
 
 
 def _cell(measure: Measure, summary: Mapping[str, Any], nobody: str = "–") -> str:
@@ -141,6 +163,12 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
             [measure.heading, *(_cell(measure, entry["measures"][measure.key]) for entry in own)]
             for measure in MEASURES
         ]
+        lines.insert(2, ["return, worst 5 %", *(f"{entry['return_worst']:.1f}" for entry in own)])
+        partner = next((entry["against"]["policy"] for entry in own if entry["against"]), None)
+        if partner is not None:
+            for label, key, digits in ((f"return − {partner}", "difference", 2), (f"P(> {partner})", "improvement", 3)):
+                cells = [statistics.text(entry["against"][key], digits) if entry["against"] else "" for entry in own]
+                lines.append([label, *cells])
         text = f"### {scenario}\n\n{grid(header, lines)}\n"
         if any(entry["one_episode_stands_for_all_seeds"] for entry in own):
             text += (
@@ -152,7 +180,8 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
         "good, or until the first disturbance; Δt: from leaving the cone after the first disturbance to being back "
         "for good, 0 without an outage; "
         "RMSE: from arrival on; availability: share of time inside; effort: RMS of force over limit. (k of n): the "
-        "measure exists in k of n episodes. –: in none.\n"
+        "measure exists in k of n episodes. –: in none. return − X: mean of the difference in return, episode by "
+        "episode; P(> X): probability that an episode's return is the higher one.\n"
     )
     return "\n".join(parts)
 
@@ -362,10 +391,8 @@ def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scen
     FigureCanvasAgg(chart)
     axis = chart.add_subplot()
     for i, (policy, values) in enumerate(shares.items()):
-        axis.plot(
-            levels, profile(values, levels), color=COLOURS[i % len(COLOURS)], linestyle=DASHES[i % len(DASHES)],
-            label=policy,
-        )  # fmt: skip
+        style = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
+        axis.plot(levels, statistics.profile(values, levels), **style, label=policy)
     axis.set_xlabel("share of the possible return")
     axis.set_ylabel("share of episodes above it")
     axis.grid(color="#dddddd", linewidth=0.6)

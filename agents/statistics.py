@@ -9,7 +9,7 @@ trainings in other scenarios.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +86,16 @@ def estimate(
 
     found = bootstrap(tuple(axes), of, n_resamples=resamples, vectorized=False, method="percentile", rng=rng)
     return Estimate(value, float(found.confidence_interval.low), float(found.confidence_interval.high))
+
+
+def text(found: Mapping[str, float], digits: int) -> str:
+    """An estimate, given by its entries, as a table shows it."""
+    value, low, high = (found[key] if found[key] is not None else math.nan for key in Estimate._fields)
+    if not math.isfinite(value):
+        return "–"
+    if not math.isfinite(low) or low == high:
+        return f"{value:.{digits}f}"
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
 def profile(scores: npt.ArrayLike, thresholds: npt.ArrayLike) -> Array:

@@ -83,6 +83,19 @@ def test_benchmark_writes_what_it_prints(
     assert int.from_bytes(picture[20:24], "big") > 500
 
 
+def test_benchmark_compares_with_the_tuned_nlpd_episode_by_episode(scenario_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert _fly(scenario_file, out, "--policy", "pd", "nlpd-tuned") == 0
+    returns = {name: [float(r["return"]) for r in _rows(out) if r["policy"] == name] for name in ("pd", "nlpd-tuned")}
+    pd, reference = json.loads((out / "results.json").read_text())["results"]
+    expected = np.mean(np.subtract(returns["pd"], returns["nlpd-tuned"]))
+    assert pd["against"]["difference"]["value"] == pytest.approx(expected)
+    assert pd["against"]["improvement"]["value"] == 0.0
+    assert pd["return_worst"] == min(returns["pd"])
+    assert reference["against"] is None
+    assert "return − nlpd-tuned" in (out / "table.md").read_text()
+
+
 def test_same_seeds_give_the_same_rows_in_any_batch(scenario_file: Path, tmp_path: Path) -> None:
     assert _fly(scenario_file, tmp_path / "a", "--policy", "pd") == 0
     assert _fly(scenario_file, tmp_path / "b", "--policy", "pd", "--batch", "3") == 0
