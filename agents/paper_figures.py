@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,8 +85,8 @@ def contour_side(link: OpticalLink) -> Figure:
     cone = link.cone()
     figure = new_figure()
     axis = figure.add_subplot()
-    x, z = np.meshgrid(np.linspace(-4.0, 4.0, 321), np.linspace(0.5, 8.0, 301))
-    mesh = _contours(axis, link, x, z, np.hypot(x, z), np.arctan2(np.abs(x), z))
+    x, z = np.meshgrid(np.linspace(-4.0, 4.0, 321), np.linspace(0.1, 8.0, 317))
+    mesh = _contours(axis, link, x, z, np.hypot(x, z), np.arctan2(np.abs(x), z), (4.0, 13.0))
     edge = cone.height_m * np.tan(cone.half_angle_rad)
     axis.plot(
         [-edge, 0.0, edge, -edge], [cone.height_m, 0.0, cone.height_m, cone.height_m], color="black", label="cone"
@@ -104,22 +105,26 @@ def contour_top(link: OpticalLink) -> Figure:
     axis = figure.add_subplot()
     x, y = np.meshgrid(np.linspace(-3.0, 3.0, 301), np.linspace(-3.0, 3.0, 301))
     r = np.hypot(x, y)
-    mesh = _contours(axis, link, x, y, np.hypot(r, cone.height_m), np.arctan2(r, cone.height_m))
+    mesh = _contours(axis, link, x, y, np.hypot(r, cone.height_m), np.arctan2(r, cone.height_m), (7.0, 10.0))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     edge = cone.height_m * np.tan(cone.half_angle_rad)
     axis.plot(edge * np.cos(angle), edge * np.sin(angle), color="black", label="cone")
     axis.set_aspect("equal")
     _tidy(axis, "x from the ship [m]", "y from the ship [m]")
     axis.legend(loc="lower right", fontsize=8)
-    figure.colorbar(mesh, ax=axis, label="log10 of bit rate in bit/s")
+    figure.colorbar(mesh, ax=axis, label="log10 of bit rate in bit/s", ticks=[7, 8, 9, 10])
     return figure
 
 
-def _contours(axis: Any, link: OpticalLink, x: Array, y: Array, range_m: Array, angle: Array) -> Any:
+def _contours(
+    axis: Any, link: OpticalLink, x: Array, y: Array, range_m: Array, angle: Array, span: tuple[float, float]
+) -> Any:
     rate = np.asarray(link.bit_rate(range_m, np.minimum(angle, np.pi / 2 - 1e-6)))
     logs = np.log10(np.where(rate > 0.0, rate, np.nan))
-    mesh = axis.contourf(x, y, logs, levels=np.arange(4.0, 13.1, 0.5), cmap="cividis", extend="both")
-    lines = axis.contour(x, y, logs, levels=np.arange(5.0, 13.0), colors="white", linewidths=0.7)
+    mesh = axis.contourf(x, y, logs, levels=np.linspace(*span, 19), cmap="cividis", extend="both")
+    lines = axis.contour(
+        x, y, logs, levels=np.arange(math.ceil(span[0]) + 1.0, span[1]), colors="white", linewidths=0.7
+    )
     axis.clabel(lines, fmt="%d", fontsize=8)
     return mesh
 

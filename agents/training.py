@@ -29,7 +29,7 @@ from uwoc_gym.agents.seeds import VALIDATION, training_seed
 from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.scenario import Scenario
 
-BASELINES = ("pd", "nlpd")
+BASELINES = ("pd", "nlpd", "nlpd-tuned")
 """The controllers whose scores stand in the learning curve."""
 
 
