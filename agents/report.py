@@ -391,7 +391,7 @@ def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scen
     FigureCanvasAgg(chart)
     axis = chart.add_subplot()
     for i, (policy, values) in enumerate(shares.items()):
-        style = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
+        style: dict[str, Any] = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
         axis.plot(levels, statistics.profile(values, levels), **style, label=policy)
     axis.set_xlabel("share of the possible return")
     axis.set_ylabel("share of episodes above it")
