@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import multiprocessing
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from uwoc_gym.agents.seeds import HELD_OUT
 from uwoc_gym.agents.statistics import Estimate
 from uwoc_gym.observation import SIZE
 from uwoc_gym.registry import ENV_IDS
+from uwoc_gym.scenario import Scenario
 
 HELP = "train every group of agents from several seeds and compare them with the controllers on held-out seeds"
 EXAMPLES = """\
@@ -88,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps instead of the settings' own")
     parser.add_argument(
-        "--jobs", type=whole(1), default=2, metavar="N", help="trainings at a time (default: %(default)s)"
+        "--jobs", type=whole(1), default=2, metavar="N", help="trainings and flights at a time (default: %(default)s)"
     )
     parser.add_argument("--runs", required=True, metavar="DIR", help="folder of the trainings; what is there is kept")
     parser.add_argument("--ship", metavar="DIR", help="put each group's best agent on the validation seeds here")
@@ -114,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
     if args.ship:
         for group, own in members.items():
             ship(own, Path(args.ship) / group)
-    policies = {name: [load(name)] for name in CONTROLLERS}
-    policies |= {group: [load(str(path)) for path in own] for group, own in members.items()}
+    policies = {name: [name] for name in CONTROLLERS}
+    policies |= {group: [str(path) for path in own] for group, own in members.items()}
     scores = _fly(args, scenarios, policies)
     results: dict[str, Any] = {
         "command": args.command_line,
@@ -129,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
             for group, own in members.items()
         },
         "scenarios": {name: _compared(own) for name, own in scores.items()},
-        "microseconds_a_decision": {name: round(_decision_time(own[0]), 1) for name, own in policies.items()},
+        "microseconds_a_decision": {name: round(_decision_time(load(own[0])), 1) for name, own in policies.items()},
     }
     arrays: dict[str, Any] = {
         f"{scenario}/{policy}/{key}": values
@@ -225,28 +227,45 @@ def ship(own: Sequence[Path], target: Path) -> None:
 
 
 def _fly(
-    args: argparse.Namespace, scenarios: Mapping[str, Any], policies: Mapping[str, Sequence[Policy]]
+    args: argparse.Namespace, scenarios: Mapping[str, Scenario], policies: Mapping[str, Sequence[str]]
 ) -> dict[str, dict[str, dict[str, Array]]]:
     """Each measure by scenario and policy, shape (trainings, seeds)."""
     from tqdm import tqdm
 
+    jobs = [
+        (scenario_name, name, member, HELD_OUT[: args.seeds] if draws(scenario) else HELD_OUT[:1])
+        for scenario_name, scenario in scenarios.items()
+        for name, members in policies.items()
+        for member in members
+    ]
+    rows: dict[tuple[str, str], list[list[dict[str, float]]]] = {}
+    # PyTorch and Numba don't like to be forked.
+    with (
+        ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn"), _one_thread) as pool,
+        tqdm(total=len(jobs), unit="flight", file=sys.stderr) as bar,
+    ):
+        flown = [pool.submit(_rows, member, scenarios[scenario], seeds) for scenario, _, member, seeds in jobs]
+        for (scenario, name, _, _), done in zip(jobs, flown, strict=True):
+            bar.set_description(f"{scenario}, {name}")
+            rows.setdefault((scenario, name), []).append(done.result())
+            bar.update()
     scores: dict[str, dict[str, dict[str, Array]]] = {}
-    total = sum(len(own) for own in policies.values()) * len(scenarios)
-    with tqdm(total=total, unit="policy", file=sys.stderr) as bar:
-        for scenario_name, scenario in scenarios.items():
-            seeds = HELD_OUT[: args.seeds] if draws(scenario) else HELD_OUT[:1]
-            for name, own in policies.items():
-                bar.set_description(f"{scenario_name}, {name}")
-                rows = []
-                for policy in own:
-                    flown = [
-                        row for batch in batches(seeds, 100) for row in fly(policy, scenario, batch).metrics.rows()
-                    ]
-                    rows.append(flown)
-                    bar.update()
-                found = {key: np.array([[row[key] for row in each] for each in rows]) for key in rows[0][0]}
-                scores.setdefault(scenario_name, {})[name] = found
+    for (scenario, name), own in rows.items():
+        found = {key: np.array([[row[key] for row in each] for each in own]) for key in own[0][0]}
+        scores.setdefault(scenario, {})[name] = found
     return scores
+
+
+def _one_thread() -> None:
+    import torch
+
+    torch.set_num_threads(1)
+
+
+def _rows(member: str, scenario: Scenario, seeds: Sequence[int]) -> list[dict[str, float]]:
+    """The measures of one policy's episodes."""
+    policy = load(member)
+    return [row for batch in batches(seeds, 200) for row in fly(policy, scenario, batch).metrics.rows()]
 
 
 def _compared(own: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:

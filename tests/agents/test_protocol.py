@@ -22,10 +22,10 @@ def flown(tmp_path_factory):
     scenario.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 3.0}}).to_json())
     groups = {
         "ppo": protocol.Group(
-            ("--algorithm", "ppo", "--envs", "4", "--set", "n_steps=16", "--set", "batch_size=32",
+            ("--algorithm", "ppo", "--frame-stack", "1", "--envs", "4", "--set", "n_steps=16", "--set", "batch_size=32",
              "--eval-episodes", "2"), 10,
         ),
-        "td3": protocol.Group(("--algorithm", "td3", "--envs", "2", "--eval-episodes", "2"), 5),
+        "td3": protocol.Group(("--algorithm", "td3", "--frame-stack", "1", "--envs", "2", "--eval-episodes", "2"), 5),
     }  # fmt: skip
     words = ["protocol", "--groups", "ppo", "td3", "--training-seeds", "2", "--steps", "128", "--seeds", "6"]
     words += ["--scenario", str(scenario), "--runs", str(root / "runs"), "--ship", str(root / "trained")]
