@@ -140,7 +140,10 @@ def _callable(name: str) -> Policy:
         raise CommandError(f"policy {name!r} is not callable; it must take a scenario and return a policy.")
 
     def make(scenario: Scenario) -> Predictor:
-        made: Any = found(scenario)
+        try:
+            made: Any = found(scenario)
+        except Exception as error:
+            raise CommandError(f"policy {name!r} failed to be made: {type(error).__name__}: {error}") from error
         if not callable(getattr(made, "predict", None)):
             raise CommandError(
                 f"policy {name!r} returned a {type(made).__name__} without predict(); it must return an object with "
@@ -163,6 +166,7 @@ _TELL_TALE = (
 
 
 def _saved(path: Path) -> Policy:
+    given = str(path)
     if path.is_dir():
         path = path / "model.zip"
     if not path.is_file():
@@ -176,7 +180,7 @@ def _saved(path: Path) -> Policy:
         # Built once to meet errors now rather than in the middle of a benchmark.
         description = inference.read_description(path.with_name(inference.DESCRIPTION))
         inference.check_model(path)
-        return Policy(str(path), description["description"], partial(inference.build, path))
+        return Policy(given, description["description"], partial(inference.build, path))
     algorithm = next((name for name, setting in _TELL_TALE if setting in settings), None)
     if algorithm is None:
         known = ", ".join(each.name for each in ALGORITHMS.values())
@@ -186,7 +190,7 @@ def _saved(path: Path) -> Policy:
     statistics = inference.normaliser_path(path)
     normalise = inference.load_normaliser(statistics) if statistics.is_file() else None
     agent = inference.Agent(model, normalise)
-    return Policy(str(path), f"saved {ALGORITHMS[algorithm].name} model", lambda scenario: agent)
+    return Policy(given, f"saved {ALGORITHMS[algorithm].name} model", lambda scenario: agent)
 
 
 def load_scenario(name: str) -> tuple[str, Scenario]:
@@ -317,8 +321,8 @@ def fly(
             alive = alive & ~(terminated | truncated)
         if step == steps or not alive.any():
             break
-        actions, memory = predictor.predict(observations, state=memory, episode_start=begun, deterministic=True)
-        actions = np.where(alive[:, None], checked_actions(policy, actions, size), np.float32(0.0))
+        actions, memory = decide(policy, predictor, observations, memory, begun)
+        actions = np.where(alive[:, None], actions, np.float32(0.0))
         observations, rewards, terminated, truncated, _ = env.step(actions)
         begun = terminated | truncated
         state = env.state()
@@ -354,20 +358,32 @@ def fly(
     )
 
 
-def checked_actions(policy: Policy, actions: Any, size: int) -> npt.NDArray[np.float32]:
-    """A policy's answer for so many environments as an array.
+def decide(
+    policy: Policy, predictor: Predictor, observations: Any, memory: Any, begun: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.float32], Any]:
+    """Actions (N, 3) for observations (N, 20), and the policy's memory.
 
     Raises:
-        CommandError: It has another shape than (size, 3) or isn't finite.
+        CommandError: The policy fails, or gives something else than finite actions of that shape and its memory.
     """
-    array = np.asarray(actions, dtype=np.float32)
+    try:
+        found = predictor.predict(observations, state=memory, episode_start=begun, deterministic=True)
+    except Exception as error:
+        raise CommandError(f"policy {policy.name!r} failed: {type(error).__name__}: {error}") from error
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise CommandError(f"policy {policy.name!r} gave a {type(found).__name__}; it must give (actions, memory).")
+    size = len(observations)
+    try:
+        array = np.asarray(found[0], dtype=np.float32)
+    except (TypeError, ValueError):
+        array = np.empty(0, dtype=np.float32)
     if array.shape != (size, ACTION_SIZE) or not np.isfinite(array).all():
         raise CommandError(
             f"policy {policy.name!r} gave actions of shape {array.shape}"
             f"{'' if np.isfinite(array).all() else ' that are not all finite'}; they must be finite and of shape "
             f"({size}, {ACTION_SIZE})."
         )
-    return array
+    return array, found[1]
 
 
 def batches(seeds: Sequence[int], size: int) -> Iterator[Sequence[int]]:

@@ -175,7 +175,31 @@ def checked(algorithm: str, values: Mapping[str, Any], where: str) -> dict[str, 
     for key in result.get("policy_kwargs") or {}:
         if key not in names:
             raise CommandError(f"{where}: policy_kwargs has no setting {key!r}; {closest(str(key), names)}")
+    _check_together(algorithm, result, where)
     return result
+
+
+def _check_together(algorithm: str, values: Mapping[str, Any], where: str) -> None:
+    """Refuse settings that only fail beside others."""
+    layers = (values.get("policy_kwargs") or {}).get("net_arch", [])
+    sizes = [size for part in layers.values() for size in part] if isinstance(layers, dict) else layers
+    if not isinstance(sizes, (list, tuple)) or not all(isinstance(size, int) and size > 0 for size in sizes):
+        raise CommandError(
+            f"{where}: policy_kwargs.net_arch = {layers!r} is not allowed; it must be widths such as [64, 64]."
+        )
+    if not ALGORITHMS[algorithm].off_policy:
+        return
+    if values.get("normalize") and values.get("frame_stack", 1) > 1:
+        raise CommandError(
+            f"{where}: normalize = {values['normalize']!r} is not allowed with frame_stack = {values['frame_stack']} "
+            "and an off-policy algorithm, whose replay buffer keeps single observations; leave out one of them."
+        )
+    frequency = values.get("train_freq")
+    if isinstance(frequency, list) and frequency[1] == "episode" and values.get("n_envs", 1) > 1:
+        raise CommandError(
+            f"{where}: train_freq = {frequency!r} is not allowed with n_envs = {values['n_envs']}; episodes can only "
+            "be counted in one environment."
+        )
 
 
 class _NotAllowedError(Exception):
@@ -194,7 +218,7 @@ def _own(key: str, value: Any) -> Any:
         case "noise_std":
             return _number(value, 0.0, math.inf)
         case "residual_scale":
-            number = _number(value, 0.0, 2.0)
+            number = _number(value, 0.0, 2.0, "a number in (0, 2]")
             if number == 0.0:
                 raise _NotAllowedError("a number in (0, 2]")
             return number
@@ -216,6 +240,12 @@ def _normalize(value: Any) -> Any:
         return value
     if not isinstance(value, dict) or not set(value) <= set(NORMALIZE):
         raise _NotAllowedError(f"true, false or a mapping with {', '.join(NORMALIZE)}")
+    for key, each in value.items():
+        if key.startswith("norm_"):
+            if not isinstance(each, bool):
+                raise _NotAllowedError(f"a mapping in which {key} is true or false")
+        else:
+            _number(each, 0.0, math.inf, f"a mapping in which {key} is a number of at least 0")
     return value
 
 
@@ -227,6 +257,8 @@ def _of_algorithm(key: str, value: Any, default: Any) -> Any:
             _number(_plain(value[4:]), 0.0, math.inf, "a number or lin_ and a number, such as lin_3e-4")
             return value
         return _number(value, 0.0, math.inf, "a number or lin_ and a number, such as lin_3e-4")
+    if key == "target_kl":
+        return _number(value, 0.0, math.inf)
     if key in _SHARES:
         return _number(value, 0.0, 1.0)
     if key == "train_freq" and isinstance(value, (list, tuple)):

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents import inference, report, statistics
+from uwoc_gym.agents import inference, report, statistics, train
 from uwoc_gym.agents.command import CommandError, output_folder, require, whole, write_text
 from uwoc_gym.agents.evaluate import Policy, batches, draws, fly, load, load_scenario
 from uwoc_gym.agents.hyperparameters import ALGORITHMS
@@ -52,21 +52,27 @@ class Group:
     """Of `uwoc-gym train`, without seed and folder."""
     seeds: int
     """Training seeds by default."""
+    description: str
 
 
 _EVALUATED = ("--eval-every", "500000", "--eval-episodes", "64")
 
 GROUPS: dict[str, Group] = {
-    "ppo": Group(("--algorithm", "ppo", *_EVALUATED), 10),
+    "ppo": Group(("--algorithm", "ppo", *_EVALUATED), 10, "PPO on the last four observations"),
     "ppo-residual": Group(
         (
             *("--algorithm", "ppo", "--residual", "nlpd-tuned", "--scale", "0.6", "--steps", "3000000"),
             *("--set", "policy_kwargs.log_std_init=-1.0", "--set", "learning_rate=lin_7e-4", *_EVALUATED),
         ),
         10,
+        "PPO on the last four observations, correcting nlpd-tuned",
     ),
-    "ppo-one-frame": Group(("--algorithm", "ppo", "--frame-stack", "1", *_EVALUATED), 3),
-    "td3": Group(("--algorithm", "td3", "--eval-every", "30000", "--eval-episodes", "64"), 3),
+    "ppo-one-frame": Group(
+        ("--algorithm", "ppo", "--frame-stack", "1", *_EVALUATED), 3, "PPO on the last observation alone"
+    ),
+    "td3": Group(
+        ("--algorithm", "td3", "--eval-every", "30000", "--eval-episodes", "64"), 3, "TD3 on the last four observations"
+    ),
 }
 """The groups of the benchmark; settings are those in `agents/settings/`."""
 
@@ -79,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--training-seeds", type=whole(0), metavar="N",
-        help="trainings of each group (default: 10, off-policy 5); 0 for controllers alone",
+        help="trainings of each group (default: the group's own, 10 or 3); 0 for controllers alone",
     )  # fmt: skip
     parser.add_argument(
         "--scenario", nargs="+", default=list(ENV_IDS), metavar="SCENARIO",
@@ -115,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
     _train(args, members)
     if args.ship:
         for group, own in members.items():
-            ship(own, Path(args.ship) / group)
+            ship(own, Path(args.ship) / group, GROUPS[group].description)
     policies = {name: [name] for name in CONTROLLERS}
     policies |= {group: [str(path) for path in own] for group, own in members.items()}
     scores = _fly(args, scenarios, policies)
@@ -164,14 +170,13 @@ def _train(args: argparse.Namespace, members: Mapping[str, Sequence[Path]]) -> N
     wanted = [(group, seed, path) for group, own in members.items() for seed, path in enumerate(own)]
     # By seed, so that a protocol that is stopped has as much of every group.
     wanted.sort(key=lambda job: job[1])
+    for group, seed, path in wanted:
+        _check_same(_words(args, group, seed, path), path)
     missing = [each for each in wanted if not _finished(each[2])]
 
     def one(job: tuple[str, int, Path]) -> str | None:
         group, seed, path = job
-        words = [sys.executable, "-m", "uwoc_gym.agents.cli", "train", *GROUPS[group].arguments]
-        words += ["--seed", str(seed), "--out", str(path)]
-        if args.steps is not None:
-            words += ["--steps", str(args.steps)]
+        words = [sys.executable, "-m", "uwoc_gym.agents.cli", "train", *_words(args, group, seed, path)]
         if (path / "run.json").is_file():
             words.append("--resume")
         done = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -189,6 +194,24 @@ def _train(args: argparse.Namespace, members: Mapping[str, Sequence[Path]]) -> N
             bar.update()
 
 
+def _words(args: argparse.Namespace, group: str, seed: int, path: Path) -> list[str]:
+    """What a training is given on the command line."""
+    steps = [] if args.steps is None else ["--steps", str(args.steps)]
+    return [*GROUPS[group].arguments, *steps, "--seed", str(seed), "--out", str(path)]
+
+
+def _check_same(words: Sequence[str], path: Path) -> None:
+    """Refuse a run that was begun with other settings than it would be now."""
+    if not (path / "run.json").is_file():
+        return
+    recorded = json.loads((path / "run.json").read_text(encoding="utf-8"))
+    for key, value in train.planned(words).items():
+        if recorded.get(key) != value:
+            raise CommandError(
+                f"--runs: {path} was begun with other {key} than this protocol's; move it away or give another folder."
+            )
+
+
 def _finished(path: Path) -> bool:
     try:
         return bool(json.loads((path / "results.json").read_text(encoding="utf-8"))["finished"])
@@ -196,7 +219,7 @@ def _finished(path: Path) -> bool:
         return False
 
 
-def ship(own: Sequence[Path], target: Path) -> None:
+def ship(own: Sequence[Path], target: Path, text: str) -> None:
     """Copy the agent with the highest validation score to a folder of its own, without what only training needs.
 
     Raises:
@@ -208,11 +231,14 @@ def ship(own: Sequence[Path], target: Path) -> None:
 
     best = max(own, key=validation)
     target.mkdir(parents=True, exist_ok=True)
-    for name in (inference.DESCRIPTION, "settings.yaml", "results.json", "vecnormalize.pkl"):
+    for name in ("settings.yaml", "results.json", "vecnormalize.pkl"):
         if (best / name).is_file():
             shutil.copyfile(best / name, target / name)
-    algorithm = json.loads((best / inference.DESCRIPTION).read_text(encoding="utf-8"))["algorithm"]
-    model = ALGORITHMS[algorithm].load().load(best / "model.zip", device="cpu")
+    description = inference.read_description(best / inference.DESCRIPTION)
+    report.write_json(
+        target / inference.DESCRIPTION, {**description, "description": f"{text}; trained on {description['env']}"}
+    )
+    model = ALGORITHMS[description["algorithm"]].load().load(best / "model.zip", device="cpu")
     # The optimisers' moments are two thirds of the file.
     for part in model.get_parameters():
         if part.endswith("optimizer"):

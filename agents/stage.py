@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import pygame
 
+from uwoc_gym.agents.command import CommandError
 from uwoc_gym.agents.episode import Episode
-from uwoc_gym.agents.evaluate import Policy, checked_actions
+from uwoc_gym.agents.evaluate import Policy, decide
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.rendering import ACCENTS, Colour, Renderer, text_image
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.spaces import SMALLEST_FRAME
 
 
 class Pilot:
@@ -41,12 +43,11 @@ class Pilot:
         """Fly one control period, unless the episode has ended."""
         if self.ended:
             return
-        actions, self._memory = self._predictor.predict(
-            self._observation[None], state=self._memory, episode_start=np.array([self._begun]), deterministic=True
+        actions, self._memory = decide(
+            self._policy, self._predictor, self._observation[None], self._memory, np.array([self._begun])
         )
         self._begun = False
-        action = checked_actions(self._policy, actions, 1)[0]
-        self._observation, _, terminated, truncated, _ = self._env.step(action)
+        self._observation, _, terminated, truncated, _ = self._env.step(actions[0])
         state = self._env.state()
         self.time_s = state["time_s"]
         self.renderer.record(state)
@@ -73,6 +74,11 @@ class Stage:
         self.episode = episode
         self.surface = pygame.Surface(size, 0, 32)
         self._cells = _cells(len(episode.policies), size)
+        if any(cell.width < SMALLEST_FRAME[0] or cell.height < SMALLEST_FRAME[1] for cell in self._cells):
+            raise CommandError(
+                f"--size {size[0]}x{size[1]} is not allowed with {len(self._cells)} policies; each needs at least "
+                f"{SMALLEST_FRAME[0]}x{SMALLEST_FRAME[1]}."
+            )
         self.pilots = [
             Pilot(policy, episode.scenario, cell.size, ACCENTS[i % len(ACCENTS)])
             for i, (policy, cell) in enumerate(zip(episode.policies, self._cells, strict=True))

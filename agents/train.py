@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,18 @@ def run(args: argparse.Namespace) -> int:
     for name, scores in {"agent": best, **made.baselines}.items():
         print(f"  {name}: " + ", ".join(_score(key, scores) for key in ("return", "availability") if key in scores))
     return 0
+
+
+def planned(words: Sequence[str]) -> dict[str, Any]:
+    """What a training with these command-line arguments would be, as it stands in its run.json.
+
+    Raises:
+        CommandError: An argument isn't allowed.
+    """
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    found: dict[str, Any] = json.loads(json.dumps(_plan(parser.parse_args(words), None).to_dict()))
+    return found
 
 
 def _score(key: str, scores: dict[str, Any]) -> str:

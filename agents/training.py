@@ -149,7 +149,7 @@ class Run:
         arguments = constructor_arguments(plan.algorithm, plan.values, size)
         try:
             return self._kind.load()(plan.values["policy"], self.env, seed=seed, device="cpu", **arguments)
-        except (TypeError, ValueError, AssertionError, NotImplementedError) as error:
+        except (TypeError, ValueError, AssertionError, NotImplementedError, RuntimeError) as error:
             raise CommandError(f"{self._kind.name} can't be made with these settings: {error}") from error
 
     def _load(self, path: Path) -> Any:
@@ -314,7 +314,9 @@ class _Watch(BaseCallback):
         self._before = (run.progress.seconds, run.progress.learning_seconds)
         self._clean_steps = run.progress.steps
         plan, done = run.plan, run.progress.steps
-        self._next_evaluation = done if not run.progress.evaluations else _after(done, plan.eval_every)
+        evaluated = run.progress.evaluations
+        # One that was due when the run stopped is made up.
+        self._next_evaluation = _after(evaluated[-1]["steps"], plan.eval_every) if evaluated else done
         self._next_checkpoint = _after(done, plan.checkpoint_every)
         self._shown = 0.0
 

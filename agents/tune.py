@@ -1,4 +1,4 @@
-"""`uwoc-gym tune`: search for the gains of a controller, or the settings of a learner, on training seeds."""
+"""`uwoc-gym tune`: search for the gains of a controller or the settings of a learner, never on held-out seeds."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from uwoc_gym.agents.seeds import VALIDATION, training_seed
 from uwoc_gym.baselines import Controller, Gains, gains
 from uwoc_gym.scenario import Scenario
 
-HELP = "search for a controller's gains or a learner's settings on training seeds"
+HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
 EXAMPLES = """\
 examples:
   uwoc-gym tune nlpd --out tuning/nlpd
@@ -152,7 +152,8 @@ def run(args: argparse.Namespace) -> int:
         document["validation"] = _validation(law, scenario)
         write_text(folder / "gains.json", report.json_text(asdict(law)))
     else:
-        write_text(folder / "settings.txt", "".join(f"--set {key}={value!r}\n" for key, value in best.values.items()))
+        trial = folder / f"trial-{int(best.outcome['trial']):04d}"
+        write_text(folder / "settings.yaml", (trial / "settings.yaml").read_text(encoding="utf-8"))
     report.write_json(folder / "results.json", document)
     print(f"{args.target} on {name}: score {best.score:.6g} after {found.trials} trials; found:")
     for key, value in {**best.values, **best.outcome, **document.get("validation", {})}.items():
@@ -227,14 +228,15 @@ def _learner_score(args: argparse.Namespace, folder: Path) -> Evaluate:
         words = ["--algorithm", args.target, "--env", args.env, "--steps", str(args.steps), "--seed", str(args.seed)]
         words += ["--out", str(folder / f"trial-{number:04d}")]
         for key, value in point.items():
-            words += ["--set", f"{key}={value!r}"]
+            # The rate falls to 0 over the run, as in the settings files.
+            words += ["--set", f"{key}={'lin_' if key == 'learning_rate' else ''}{value!r}"]
         given = parser.parse_args(words)
         given.command_line = " ".join(["uwoc-gym train", *words])
         status = train.run(given)
-        if status == 130:
+        if status != 0:
             raise KeyboardInterrupt
         best = json.loads((folder / f"trial-{number:04d}" / "results.json").read_text(encoding="utf-8"))["best"]
-        return float(best["return"]["mean"]), {"availability": float(best["availability"]["mean"])}
+        return float(best["return"]["mean"]), {"trial": float(number)}
 
     def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
         return [one(point) for point in points]

@@ -106,7 +106,8 @@ class TrackingEnv(gym.Env[Observation, Observation]):
     ## Episode End
 
     Terminated when the horizontal distance to the ship exceeds `episode.lost_distance_m` (20 m): the link is lost
-    beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`; `max_episode_steps` can shorten
+    beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`, `PaperCaseI` and `PaperCaseII`;
+    `max_episode_steps` can shorten
     that, and so does closing the window. At the end `info["is_success"]` says whether the AUV was inside the cone
     throughout the last third of the episode, and before, whether it has been so for the last third of the time flown.
 

@@ -780,6 +780,8 @@ class Fleet:
 
     def _chosen(self, parameters: Mapping[str, npt.ArrayLike]) -> tuple[npt.NDArray[np.int64], Array]:
         """Rows and values, one per simulation, of the numbers that aren't to be drawn."""
+        if not isinstance(parameters, Mapping) or not all(isinstance(name, str) for name in parameters):
+            raise ValueError(f"options['parameters'] = {parameters!r} is not allowed; it must be a mapping of names.")
         rows = np.zeros(len(parameters), dtype=np.int64)
         chosen = np.zeros((len(parameters), self.size))
         for i, (name, value) in enumerate(parameters.items()):

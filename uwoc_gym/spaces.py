@@ -138,9 +138,11 @@ def check_options(options: Mapping[str, Any] | None, allowed: tuple[str, ...]) -
     """The reset options, with unknown keys refused.
 
     Raises:
-        ValueError: A key is unknown.
+        ValueError: The options aren't a mapping, or a key is unknown.
     """
     given = options or {}
+    if not isinstance(given, Mapping):
+        raise ValueError(f"options = {options!r} is not allowed; it must be a mapping.")
     for key in given:
         if key not in allowed:
             raise ValueError(f"options[{key!r}] is not known; allowed are {', '.join(allowed)}.")

@@ -167,6 +167,9 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
             seeds = list(seed)
             if len(seeds) != self.num_envs:
                 raise ValueError(f"seed has {len(seeds)} entries; it must be a number or {self.num_envs} of them.")
+            for i, each in enumerate(seeds):
+                if each is not None and (not isinstance(each, (int, np.integer)) or each < 0):
+                    raise ValueError(f"seed[{i}] = {each!r} is not allowed; it must be a whole number of at least 0.")
         chosen = [i for i in lanes.tolist() if seeds[i] is not None]
         missing = [i for i in lanes.tolist() if seeds[i] is None]
         self._fleet.seed(np.array(chosen, dtype=np.int64), [int(seeds[i] or 0) for i in chosen])
@@ -186,7 +189,10 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         """
         if not self._begun:
             raise gym.error.ResetNeeded("no episode has begun; call reset() before step().")
-        given = np.ascontiguousarray(actions, dtype=np.float32)
+        try:
+            given = np.ascontiguousarray(actions, dtype=np.float32)
+        except (TypeError, ValueError):
+            raise ValueError(f"actions {actions!r} are not allowed; they must be numbers.") from None
         if given.shape != (self.num_envs, ACTION_SIZE):
             raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {ACTION_SIZE}).")
         observations = np.empty((self.num_envs, SIZE), dtype=np.float32)
