@@ -310,3 +310,50 @@ def test_evaluate_writes_what_it_prints(
     assert f"{mean:.1f} [" in capsys.readouterr().out
     assert main(["evaluate", "nlpdd"]) == 1
     assert "did you mean 'nlpd'?" in capsys.readouterr().err
+
+
+class Raising:
+    """A policy that fails in flight."""
+
+    def predict(self, observation: Any, **others: Any) -> Any:
+        raise RuntimeError("no idea")
+
+
+class Bare:
+    """A policy that gives its actions without a memory."""
+
+    def predict(self, observation: Any, **others: Any) -> Any:
+        return np.zeros((len(observation), 3), dtype=np.float32)
+
+
+def _fail(scenario: Any) -> Any:
+    raise ValueError("no such file")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda scenario: Raising(), "failed: RuntimeError: no idea"),
+        (lambda scenario: Bare(), "gave a ndarray; it must give (actions, memory)"),
+        (_fail, "failed to be made: ValueError: no such file"),
+    ],
+)
+def test_a_policy_that_fails_is_named_in_one_line(
+    make: Any, message: str, scenario_file: Path, tmp_path: Path, module: types.ModuleType,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    module.broken = make  # type: ignore[attr-defined]
+    assert _fly(scenario_file, tmp_path / "out", "--policy", f"{module.__name__}:broken") == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "uwoc-gym benchmark: error: policy 'uwoc_policies_of_a_test:broken'" in last
+    assert message in last
+
+
+def test_readmes_tables_are_whole() -> None:
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    assert "@@" not in text
+    blocks = [[line for line in block.splitlines() if line.startswith("|")] for block in text.split("\n\n")]
+    tables = [block for block in blocks if len(block) > 1]
+    assert len(tables) >= 6
+    for table in tables:
+        assert len({line.count("|") for line in table}) == 1, table[0]

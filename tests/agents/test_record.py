@@ -306,3 +306,11 @@ def test_the_shell_needs_no_pygame_until_something_is_drawn() -> None:
         "sys.exit(', '.join({'pygame', 'plotly', 'torch', 'matplotlib'} & set(sys.modules)) or 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=300, stdout=subprocess.DEVNULL)
+
+
+def test_pictures_too_small_for_all_policies_are_refused(tmp_path, capsys):
+    words = ["record", "--policy", "pd", "nlpd", "pd-tuned", "nlpd-tuned", "--size", "320x180"]
+    assert main([*words, "--out", str(tmp_path / "a.gif")]) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "--size 320x180 is not allowed with 4 policies; each needs at least 320x180" in error
+    assert not (tmp_path / "a.gif").exists()

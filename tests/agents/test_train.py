@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import yaml
 from stable_baselines3 import PPO
 
 from uwoc_gym import Scenario, TrackingVectorEnv, agents
-from uwoc_gym.agents import checkpoint, evaluate, hyperparameters, inference, seeds, training, vec_env
+from uwoc_gym.agents import checkpoint, evaluate, hyperparameters, inference, seeds, train, training, vec_env
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.command import CommandError
 from uwoc_gym.baselines import NLPDController
@@ -440,7 +441,7 @@ def test_a_folder_of_another_run_is_refused(tmp_path: Path, capsys: pytest.Captu
         (["--resume", "--env", "uwoc/Nominal-v0"], ["env = 'uwoc/Random-v0', not 'uwoc/Nominal-v0'"]),
         (["--resume", "--algorithm", "sac"], ["algorithm = 'ppo', not 'sac'"]),
         (["--resume", "--seed", "1"], ["seed = 0, not 1"]),
-        (["--resume", "--set", "gamma=0.5"], ["gamma = 0.985, not 0.5"]),
+        (["--resume", "--set", "gamma=0.5"], ["gamma = 0.98, not 0.5"]),
         (["--resume", "--scenario", "{}"], ["another scenario"]),
     ):
         capsys.readouterr()
@@ -489,3 +490,31 @@ def test_the_package_stays_light() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "setting", "message"),
+    [
+        ("td3", "normalize=true", "normalize = True is not allowed with frame_stack = 4"),
+        ("sac", "train_freq=[1, episode]", "train_freq = [1, 'episode'] is not allowed with n_envs = 16"),
+        ("ppo", "policy_kwargs.net_arch=[64, -1]", "policy_kwargs.net_arch = [64, -1] is not allowed"),
+        ("ppo", "target_kl=abc", "target_kl = 'abc' is not allowed; it must be a number"),
+        ("ppo", "normalize={clip_obs: abc}", "clip_obs is a number of at least 0"),
+        ("ppo", "normalize={norm_obs: 1}", "norm_obs is true or false"),
+        ("ppo", "residual_scale=3", "it must be a number in (0, 2]"),
+    ],
+)
+def test_settings_that_would_fail_later_are_refused(algorithm: str, setting: str, message: str) -> None:
+    with pytest.raises(CommandError, match=re.escape(message)):
+        hyperparameters.resolve(algorithm, "uwoc/Random-v0", [setting])
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "td3"])
+def test_a_protocols_training_is_planned_as_it_is_recorded(algorithm: str, tmp_path: Path) -> None:
+    settings = [word for setting in SMALL[algorithm] for word in ("--set", setting)]
+    words = ["--algorithm", algorithm, "--steps", "64", "--envs", "2", "--eval-episodes", "2", *settings]
+    words += ["--out", str(tmp_path / "run")]
+    assert main(["train", *words]) == 0
+    recorded = json.loads((tmp_path / "run" / "run.json").read_text())
+    for key, value in train.planned(words).items():
+        assert recorded[key] == value

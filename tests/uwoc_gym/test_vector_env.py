@@ -223,3 +223,20 @@ def test_metadata_belongs_to_the_instance():
     assert same.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert following.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     assert "autoreset_mode" not in uwoc_gym.TrackingVectorEnv.metadata
+
+
+@pytest.mark.parametrize("seed", [[-1, 2], [1.9, 2], ["a", 2]])
+def test_refuses_seeds_that_are_no_whole_numbers(seed):
+    with pytest.raises(ValueError, match=r"seed\[0\] = .* is not allowed; it must be a whole number"):
+        make(2).reset(seed=seed)
+
+
+def test_refuses_what_is_no_mapping_or_no_action():
+    env = TrackingVectorEnv(2)
+    with pytest.raises(ValueError, match=r"options\['parameters'\] = 5 is not allowed"):
+        env.reset(seed=0, options={"parameters": 5})
+    with pytest.raises(ValueError, match="options = 5 is not allowed"):
+        env.reset(seed=0, options=5)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="actions 'x' are not allowed"):
+        env.step("x")
