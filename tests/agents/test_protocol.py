@@ -20,13 +20,14 @@ def flown(tmp_path_factory):
     root = tmp_path_factory.mktemp("protocol")
     scenario = root / "short.json"
     scenario.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 3.0}}).to_json())
+    small = {
+        "ppo": ("--frame-stack", "1", "--envs", "4", "--set", "n_steps=16", "--set", "batch_size=32"),
+        "td3": ("--frame-stack", "1", "--envs", "2"),
+    }
     groups = {
-        "ppo": protocol.Group(
-            ("--algorithm", "ppo", "--frame-stack", "1", "--envs", "4", "--set", "n_steps=16", "--set", "batch_size=32",
-             "--eval-episodes", "2"), 10,
-        ),
-        "td3": protocol.Group(("--algorithm", "td3", "--frame-stack", "1", "--envs", "2", "--eval-episodes", "2"), 5),
-    }  # fmt: skip
+        name: protocol.Group(("--algorithm", name, *options, "--eval-episodes", "2"), 10, f"{name} in a test")
+        for name, options in small.items()
+    }
     words = ["protocol", "--groups", "ppo", "td3", "--training-seeds", "2", "--steps", "128", "--seeds", "6"]
     words += ["--scenario", str(scenario), "--runs", str(root / "runs"), "--ship", str(root / "trained")]
     with pytest.MonkeyPatch.context() as patch:
@@ -84,7 +85,7 @@ def test_shipped_agents_decide_as_the_best_runs_and_load_with_plain_sb3(flown):
 
 
 def test_a_failed_training_is_named(tmp_path, capsys, monkeypatch):
-    broken = protocol.Group(("--algorithm", "ppo", "--set", "n_stps=4"), 1)
+    broken = protocol.Group(("--algorithm", "ppo", "--set", "n_stps=4"), 1, "PPO")
     monkeypatch.setattr(protocol, "GROUPS", {"ppo": broken})
     words = ["protocol", "--groups", "ppo", "--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out")]
     assert main(words) == 1

@@ -406,7 +406,7 @@ def test_ids_of_others_over_our_fleet_use_it() -> None:
         (["--scenario", "missing.json"], ["--scenario", "missing.json"]),
         (["--scenario", '{"episod": {}}'], ["--scenario", "did you mean 'episode'?"]),
         (["--residual", "nlpdd"], ["residual = 'nlpdd'", "did you mean 'nlpd'?"]),
-        (["--residual", "nlpd", "--scale", "3"], ["residual_scale = 3.0", "[0, 2]"]),
+        (["--residual", "nlpd", "--scale", "3"], ["residual_scale = 3.0", "(0, 2]"]),
         (["--eval-episodes", "65"], ["--eval-episodes 65", "64 validation seeds"]),
         (["--seed", "4000"], ["--seed 4000", "3999"]),
         (["--resume"], ["--resume", "no run in"]),
