@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents import report
-from uwoc_gym.agents.command import CommandError, output_folder, require, seconds, whole, write_text
+from uwoc_gym.agents.command import CommandError, naming, output_folder, require, seconds, whole, write_text
 from uwoc_gym.agents.evaluate import POLICIES, Policy, Series, batches, draws, fly, load, load_scenario
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
@@ -26,19 +26,20 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
+    policies = [name for name, policy in POLICIES.items() if policy.installed() and name != "pd-plain"]
     parser.add_argument(
         "--policy",
         nargs="+",
-        default=[name for name, policy in POLICIES.items() if policy.installed() and name != "pd-plain"],
+        default=policies,
         metavar="POLICY",
-        help="names, folders of training runs, saved .zip files or module:callable (default: %(default)s)",
+        help=f"names, folders of training runs, saved .zip files or module:callable (default: {' '.join(policies)})",
     )
     parser.add_argument(
         "--scenario",
         nargs="+",
         default=list(ENV_IDS),
         metavar="SCENARIO",
-        help="names, environment IDs or .json files (default: %(default)s)",
+        help="names, environment IDs or .json files (default: all environment IDs)",
     )
     parser.add_argument(
         "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
@@ -90,10 +91,8 @@ def run(args: argparse.Namespace) -> int:
 def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
     scenarios: dict[str, Scenario] = {}
     for given in args.scenario:
-        try:
+        with naming("--scenario"):
             name, scenario = load_scenario(given)
-        except CommandError as error:
-            raise CommandError(f"--scenario: {error}") from None
         if args.control_period is not None:
             try:
                 scenario = scenario.merged({"episode": {"control_period_s": args.control_period}})
@@ -106,10 +105,8 @@ def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
 
 
 def _load(name: str) -> Policy:
-    try:
+    with naming("--policy"):
         return load(name)
-    except CommandError as error:
-        raise CommandError(f"--policy: {error}") from None
 
 
 def _fly_all(

@@ -7,7 +7,8 @@ import importlib.util
 import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from uwoc_gym.spaces import SMALLEST_FRAME, check_render_size
@@ -30,6 +31,15 @@ EXTRAS = {
 
 class CommandError(Exception):
     """An error that a command reports in one line."""
+
+
+@contextmanager
+def naming(option: str) -> Iterator[None]:
+    """Put the option's name before an error about what it was given."""
+    try:
+        yield
+    except CommandError as error:
+        raise CommandError(f"{option}: {error}") from None
 
 
 def require(*modules: str) -> None:

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from uwoc_gym.agents.command import CommandError, whole
+from uwoc_gym.agents.command import CommandError, naming, whole
 from uwoc_gym.agents.evaluate import Policy, load, load_scenario
 from uwoc_gym.scenario import Scenario
 
@@ -61,14 +61,10 @@ def chosen(args: argparse.Namespace) -> Episode:
     Raises:
         CommandError: There is no such policy or scenario.
     """
-    try:
+    with naming("--scenario"):
         name, scenario = load_scenario(args.scenario)
-    except CommandError as error:
-        raise CommandError(f"--scenario: {error}") from None
-    try:
+    with naming("--policy"):
         policies = [load(given) for given in dict.fromkeys(args.policy)]
-    except CommandError as error:
-        raise CommandError(f"--policy: {error}") from None
     return Episode(policies, name, scenario, args.seed)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents import inference, report, statistics, train
-from uwoc_gym.agents.command import CommandError, output_folder, require, whole, write_text
+from uwoc_gym.agents.command import CommandError, naming, output_folder, require, whole, write_text
 from uwoc_gym.agents.evaluate import Policy, batches, draws, fly, load, load_scenario
 from uwoc_gym.agents.hyperparameters import ALGORITHMS
 from uwoc_gym.agents.seeds import HELD_OUT
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument(
         "--groups", nargs="+", default=list(GROUPS), choices=list(GROUPS), metavar="GROUP",
-        help="what to train (default: %(default)s)",
+        help=f"what to train (default: {' '.join(GROUPS)})",
     )  # fmt: skip
     parser.add_argument(
         "--training-seeds", type=whole(0), metavar="N",
@@ -89,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--scenario", nargs="+", default=list(ENV_IDS), metavar="SCENARIO",
-        help="names, environment IDs or .json files (default: %(default)s)",
+        help="names, environment IDs or .json files (default: all environment IDs)",
     )  # fmt: skip
     parser.add_argument(
         "--seeds", type=whole(1), default=len(HELD_OUT), metavar="N", help="held-out seeds (default: %(default)s)"
@@ -111,7 +111,8 @@ def run(args: argparse.Namespace) -> int:
     if args.seeds > len(HELD_OUT):
         raise CommandError(f"--seeds {args.seeds} is not allowed; there are {len(HELD_OUT)} held-out seeds.")
     folder, runs = output_folder(args.out), output_folder(args.runs)
-    scenarios = dict(load_scenario(name) for name in args.scenario)
+    with naming("--scenario"):
+        scenarios = dict(load_scenario(name) for name in args.scenario)
     begun = time.perf_counter()
     members = {
         group: [runs / f"{group}-{seed}" for seed in range(_count(args, group))]

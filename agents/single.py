@@ -6,8 +6,8 @@ import argparse
 import time
 
 from uwoc_gym.agents import report
-from uwoc_gym.agents.command import output_folder, whole
-from uwoc_gym.agents.evaluate import fly, load, load_scenario
+from uwoc_gym.agents.command import naming, output_folder, whole
+from uwoc_gym.agents.evaluate import batches, draws, fly, load, load_scenario
 
 HELP = "fly one policy through one scenario and print its measures"
 EXAMPLES = """\
@@ -34,13 +34,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
-    name, scenario = load_scenario(args.scenario)
-    policy = load(args.policy)
+    with naming("--scenario"):
+        name, scenario = load_scenario(args.scenario)
+    with naming("POLICY"):
+        policy = load(args.policy)
     folder = output_folder(args.out) if args.out else None
     begun = time.perf_counter()
     seeds = range(args.seed, args.seed + args.seeds)
-    rows = fly(policy, scenario, seeds).metrics.rows()
-    data = report.results_data([report.Result(name, policy.name, rows, False)], args.seed)
+    collapsed = policy.deterministic and not draws(scenario) and len(seeds) > 1
+    if collapsed:
+        seeds = seeds[:1]
+    rows = [row for batch in batches(seeds, 100) for row in fly(policy, scenario, batch).metrics.rows()]
+    data = report.results_data([report.Result(name, policy.name, rows, collapsed)], args.seed)
     print(report.table(data), end="")
     if folder is not None:
         document = {

@@ -72,11 +72,11 @@ def run(args: argparse.Namespace) -> int:
 
     # Networks this small gain nothing from more, and runs side by side get in each other's way.
     torch.set_num_threads(args.threads)
-    folder = output_folder(args.out)
-    recorded = _recorded(folder, args.resume)
+    recorded = _recorded(Path(args.out), args.resume)
     plan = _plan(args, recorded)
     if recorded is not None:
-        _check_same(plan.to_dict(), recorded, folder)
+        _check_same(plan.to_dict(), recorded, Path(args.out))
+    folder = output_folder(args.out)
     last = checkpoint.newest(folder) if args.resume else None
     try:
         made = training.Run(plan, folder, args.command_line, last)

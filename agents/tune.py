@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from uwoc_gym.agents import report, train
-from uwoc_gym.agents.command import CommandError, output_folder, require, whole, write_text
+from uwoc_gym.agents.command import naming, output_folder, require, whole, write_text
 from uwoc_gym.agents.evaluate import Flight, Policy, fly, load_scenario
 from uwoc_gym.agents.hyperparameters import TRAINABLE
 from uwoc_gym.agents.search import Dimension, Evaluate, search
@@ -113,7 +113,8 @@ def run(args: argparse.Namespace) -> int:
     problem: dict[str, Any] = {"target": args.target, "seed": args.seed}
     begin: list[dict[str, float]] = []
     if controller:
-        name, scenario = _scenario(args.scenario)
+        with naming("--scenario"):
+            name, scenario = load_scenario(args.scenario)
         box: Mapping[str, Dimension] = _PD_BOX if args.target == "pd" else _NLPD_BOX
         evaluate = controller_score(scenario, args.seed, args.episodes)
         problem |= {"scenario": scenario.to_dict(), "episodes": args.episodes}
@@ -162,13 +163,6 @@ def run(args: argparse.Namespace) -> int:
         print("uwoc-gym tune: interrupted; --resume goes on", file=sys.stderr)
         return 130
     return 0
-
-
-def _scenario(given: str) -> tuple[str, Scenario]:
-    try:
-        return load_scenario(given)
-    except CommandError as error:
-        raise CommandError(f"--scenario: {error}") from None
 
 
 def gains_of(values: Mapping[str, float], source: str = "uwoc-gym tune") -> Gains:
