@@ -15,7 +15,7 @@ import numpy.typing as npt
 from uwoc_gym.agents import report
 from uwoc_gym.agents.command import output_folder, require, whole, write_text
 from uwoc_gym.agents.evaluate import Flight, Policy, fly
-from uwoc_gym.agents.search import Dimension, Tried, search
+from uwoc_gym.agents.search import Dimension, Tried, add_search_arguments, search
 from uwoc_gym.baselines import Controller, Gains, gains
 from uwoc_gym.baselines.paper import PUBLISHED, SCENARIOS, Row, sampled_as_published, without_coriolis
 from uwoc_gym.metrics import since_arrival, tracking_error
@@ -83,13 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--batch", type=whole(2), default=64, metavar="N", help="points to try at a time (default: %(default)s)"
     )
-    parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
-    )
-    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
-    parser.add_argument(
-        "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
-    )
+    add_search_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.report import COLOURS, DASHES
+from uwoc_gym.baselines.paper import PUBLISHED
 from uwoc_gym.link import OpticalLink
 
 if TYPE_CHECKING:
@@ -240,7 +241,7 @@ def sweep(sizes: Array, curves: Mapping[str, tuple[Array, Array]], slant_height_
         left.plot(sizes, peak, marker=".", **_style(i), label=name)
         right.plot(sizes, restoring, marker=".", **_style(i), label=name)
     left.axhline(slant_height_m, **_LIMIT, label="d_C")
-    right.axhline(1.08, **_LIMIT, label="published for PD")
+    right.axhline(PUBLISHED["case-1", "PD"].restoring_time_s, **_LIMIT, label="published for PD")
     _tidy(left, "pulse [N, N, N m]", "greatest range after the pulse [m]")
     _tidy(right, "pulse [N, N, N m]", "restoring time Δt [s]")
     left.legend(fontsize=8)

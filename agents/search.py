@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import io
 import json
@@ -12,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from uwoc_gym.agents.command import CommandError, write_text
+from uwoc_gym.agents.command import CommandError, whole, write_text
 
 DATABASE = "study.db"
 TRIALS = "trials.csv"
@@ -49,6 +50,17 @@ Direction = Literal["minimize", "maximize"]
 
 Evaluate = Callable[[list[dict[str, float]]], list[tuple[float, dict[str, float]]]]
 """Score and outcome of each of a batch of points."""
+
+
+def add_search_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that every search has."""
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
+    )
 
 
 def search(

@@ -16,7 +16,7 @@ from uwoc_gym.agents import report, train
 from uwoc_gym.agents.command import naming, output_folder, require, whole, write_text
 from uwoc_gym.agents.evaluate import Flight, Policy, fly, load_scenario
 from uwoc_gym.agents.hyperparameters import TRAINABLE
-from uwoc_gym.agents.search import Dimension, Evaluate, search
+from uwoc_gym.agents.search import Dimension, Evaluate, add_search_arguments, search
 from uwoc_gym.agents.seeds import VALIDATION, training_seed
 from uwoc_gym.baselines import Controller, Gains, gains
 from uwoc_gym.scenario import Scenario
@@ -96,13 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="steps of a learner's trial (default: %(default)s)",
     )
-    parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
-    )
-    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
-    parser.add_argument(
-        "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
-    )
+    add_search_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
