@@ -107,9 +107,9 @@ class TrackingEnv(gym.Env[Observation, Observation]):
 
     Terminated when the horizontal distance to the ship exceeds `episode.lost_distance_m` (20 m): the link is lost
     beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`, `PaperCaseI` and `PaperCaseII`;
-    `max_episode_steps` can shorten
-    that, and so does closing the window. At the end `info["is_success"]` says whether the AUV was inside the cone
-    throughout the last third of the episode, and before, whether it has been so for the last third of the time flown.
+    `max_episode_steps` can shorten that, and so does closing the window. At the end `info["is_success"]` says whether
+    the AUV was inside the cone throughout the last third of the episode, and before, whether it has been so for the
+    last third of the time flown.
 
     `info` holds at every step `bit_rate_bps` at the target bit error rate, `snr` and `ber` at the threshold rate,
     `range_m`, `pointing_error_rad`, `in_cone`, `cost` (1 outside the cone, else 0), the reward terms and `is_success`,
@@ -118,7 +118,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
     ## Arguments
 
     - `scenario`: overrides as a nested mapping, `{"vehicle": {"mass_scale": 1.2}}`, or a whole `Scenario` or its name.
-    - `control_period_s`: time between actions [s], by default 0.05.
+    - `control_period_s`: time between actions [s], by default 0.05, or 0.005 in `PaperCaseI` and `PaperCaseII`.
     - `integration_step_s`: integration step [s], by default 0.005; the control period is a whole multiple of it.
     - `render_mode`: "rgb_array" for pictures from `render()`, which need no display, or "human" for a window, which
       shows each step at its time. Both need pygame (extra `render`). Once the user has closed the window, the step
