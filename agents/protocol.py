@@ -240,7 +240,7 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
         target / inference.DESCRIPTION, {**description, "description": f"{text}; trained on {description['env']}"}
     )
     model = ALGORITHMS[description["algorithm"]].load().load(best / "model.zip", device="cpu")
-    # The optimisers' moments are two thirds of the file.
+    # The optimisers' moments are a third of the file and of no use to act.
     for part in model.get_parameters():
         if part.endswith("optimizer"):
             owner: Any = model
