@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -140,6 +141,11 @@ class Scenario(Parameters):
     def to_json(self) -> str:
         """The scenario as a JSON text that `from_json` reads back to an equal scenario."""
         return json.dumps(self.to_dict(), indent=2)
+
+    def digest(self) -> str:
+        """16 hexadecimal digits that tell scenarios apart: equal for equal settings, whatever they are called."""
+        text = json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @classmethod
     def from_json(cls, text: str) -> Scenario:

@@ -332,3 +332,12 @@ def test_drawn_values_follow_the_seed(fly):
         assert values[0] == values[2]
         np.testing.assert_array_equal(values[:2], second[name][::-1], err_msg=name)
     assert first["vehicle.mass_scale"][0] != first["vehicle.mass_scale"][1]
+
+
+def test_digest_tells_scenarios_apart():
+    digests = {scenario.digest() for scenario in SCENARIOS.values()}
+    assert len(digests) == len(SCENARIOS)
+    nominal = SCENARIOS["Nominal"]
+    assert Scenario().digest() == nominal.digest() == Scenario.from_json(nominal.to_json()).digest()
+    # The smallest step of one number far down.
+    assert nominal.merged({"vehicle": {"mass_surge_kg": np.nextafter(100.0, 101.0)}}).digest() != nominal.digest()
