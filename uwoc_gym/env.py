@@ -13,6 +13,7 @@ from uwoc_gym.observation import SIZE
 from uwoc_gym.spaces import (
     ACTION_SIZE,
     FRAME,
+    Described,
     ScenarioLike,
     action_space,
     build_scenario,
@@ -33,7 +34,7 @@ _STRIDES = (_FLOAT32.itemsize,)
 _LANE = np.zeros(1, dtype=np.int64)
 
 
-class TrackingEnv(gym.Env[Observation, Observation]):
+class TrackingEnv(Described, gym.Env[Observation, Observation]):
     """Keep an AUV inside the cone of light below a moving ship.
 
     ## Description
@@ -124,6 +125,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
       shows each step at its time. Both need pygame (extra `render`). Once the user has closed the window, the step
       under way and the first step of any later episode are truncated, so that loops run out; `close()` ends that.
     - `render_size`: width and height of the pictures [px], by default (1280, 720).
+    - `scenario_digest`: the digest that the scenario should have, as a spec records it; a warning says if it hasn't.
 
     ## Version History
 
@@ -145,6 +147,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         render_mode: str | None = None,
         scenario_name: str = "Nominal",
         render_size: tuple[int, int] = FRAME,
+        scenario_digest: str | None = None,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
@@ -153,12 +156,11 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         self._window: Any = None
         if render_mode == "human":
             import_rendering()
-        self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
+        self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s, scenario_digest)
         self.action_space = action_space()
         self.observation_space = observation_space()
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.scenario.episode.control_period_s)}
         self._fleet = Fleet(self.scenario, 1, Autoreset.DISABLED)
-        self._has_seed = False
         self._running = False
         self._step_fleet = self._fleet.stepper()
 
@@ -168,7 +170,7 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         """Begin an episode.
 
         Args:
-            seed: Fixes this and the following episodes.
+            seed: Fixes this and the following episodes. Without one, an ``np_random`` that was assigned does.
             options: ``pose`` (3,), ``velocity`` (3,), ``scenario`` overrides and ``parameters``, a dict of numbers to
                 take instead of drawing them (by their names in `parameters`, within the scenario's ranges), for this
                 episode only.
@@ -181,10 +183,9 @@ class TrackingEnv(gym.Env[Observation, Observation]):
         if given.get("scenario") is not None:
             wanted = episode_scenario(self.scenario, given["scenario"])
         super().reset(seed=seed)
-        if seed is not None or not self._has_seed:
-            _ = self.np_random
-            self._fleet.seed(_LANE, [self.np_random_seed or 0])
-            self._has_seed = True
+        fresh = self._fresh_seed()
+        if fresh is not None:
+            self._fleet.seed(_LANE, [fresh])
         if wanted is not self._fleet.scenario:
             self._fleet.configure(wanted)
             self._step_fleet = self._fleet.stepper()

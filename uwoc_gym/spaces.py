@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import importlib
+import warnings
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any, cast
@@ -10,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled
 
 from uwoc_gym.observation import ENTRIES
@@ -55,13 +58,46 @@ def observation_space() -> VectorSpace:
     return cast(VectorSpace, spaces.Box(low, high, dtype=np.float32))
 
 
+class Described:
+    """What both environments tell of themselves and are seeded by."""
+
+    scenario: Scenario
+    _spec: EnvSpec | None = None
+    _generator: np.random.Generator | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` made it from; ``kwargs["scenario_digest"]`` tells scenarios of one name apart."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            spec = copy.copy(spec)
+            spec.kwargs = {**spec.kwargs, "scenario_digest": self.scenario.digest()}
+        self._spec = spec
+
+    def _fresh_seed(self) -> int | None:
+        """The seed of the episodes to come, where ``np_random`` is another generator than at the last reset."""
+        env = cast(Any, self)
+        if env.np_random is self._generator:
+            return None
+        self._generator = env.np_random
+        # Gymnasium doesn't know the seed of a generator that was assigned.
+        known = int(env.np_random_seed)
+        return known if known >= 0 else int(env.np_random.integers(2**63))
+
+
 def build_scenario(
     scenario: ScenarioLike | None,
     scenario_name: str,
     control_period_s: float | None,
     integration_step_s: float | None,
+    scenario_digest: str | None = None,
 ) -> Scenario:
     """The scenario that an environment's arguments describe.
+
+    Warns where it has another digest than the one that a spec recorded.
 
     Raises:
         SettingError: A name or key is unknown, or a value isn't allowed.
@@ -70,7 +106,14 @@ def build_scenario(
     chosen = base if scenario is None else as_scenario(scenario, base)
     episode = {"control_period_s": control_period_s, "integration_step_s": integration_step_s}
     given = {name: value for name, value in episode.items() if value is not None}
-    return chosen.merged({"episode": given}) if given else chosen
+    built = chosen.merged({"episode": given}) if given else chosen
+    if scenario_digest is not None and scenario_digest != built.digest():
+        warnings.warn(
+            f"scenario_digest = {scenario_digest!r} was recorded of another scenario than this, whose digest is "
+            f"{built.digest()!r}: the arguments or the package's version differ.",
+            stacklevel=3,
+        )
+    return built
 
 
 def episode_scenario(base: Scenario, overrides: Any) -> Scenario:

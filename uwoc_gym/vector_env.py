@@ -17,6 +17,7 @@ from uwoc_gym.spaces import (
     ACTION_SIZE,
     FRAME,
     INFO_NAMES,
+    Described,
     ScenarioLike,
     action_space,
     build_scenario,
@@ -39,7 +40,7 @@ _MODES = {
 }
 
 
-class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]]):
+class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDArray[Any]]):
     """N environments of `TrackingEnv`, advanced together by one compiled function.
 
     Environment i seeded through ``reset(seed=s)`` gives the same episodes, bit for bit, as `TrackingEnv` seeded
@@ -57,6 +58,7 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         threads: Threads that share the work; worth it from several thousand environments on.
         render_mode: "rgb_array" for pictures from `render`, which need pygame (extra ``render``).
         render_size: Width and height of each picture [px].
+        scenario_digest: The digest that the scenario should have, as a spec records it; a warning says if it hasn't.
 
     Raises:
         SettingError: A setting is unknown or not allowed.
@@ -78,13 +80,14 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         render_mode: str | None = None,
         scenario_name: str = "Nominal",
         render_size: tuple[int, int] = FRAME,
+        scenario_digest: str | None = None,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.render_size = check_render_size(render_size)
         self._renderers: list[Any] = []
         mode = AutoresetMode(autoreset_mode)
-        self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s)
+        self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s, scenario_digest)
         self._max_episode_steps = max_episode_steps
         self._fleet = Fleet(self.scenario, num_envs, _MODES[mode], max_episode_steps, threads)
         self.num_envs = self._fleet.size
@@ -153,18 +156,15 @@ class TrackingVectorEnv(VectorEnv[Observations, Observations, npt.NDArray[Any]])
         return array
 
     def _seed(self, seed: int | list[int | None] | None, lanes: npt.NDArray[np.int64]) -> None:
-        if seed is None:
-            if not self._begun:
-                super().reset(seed=None)
-                _ = self.np_random
-                first = self.np_random_seed or 0
-                self._fleet.seed(lanes, [first + int(i) for i in lanes])
-            return
-        if isinstance(seed, (int, np.integer)):
-            super().reset(seed=int(seed))
-            seeds: list[int | None] = [int(seed) + i for i in range(self.num_envs)]
+        if seed is None or isinstance(seed, (int, np.integer)):
+            super().reset(seed=None if seed is None else int(seed))
+            first = self._fresh_seed()
+            if first is None:
+                return
+            seeds: list[int | None] = [first + i for i in range(self.num_envs)]
         else:
             seeds = list(seed)
+            self._generator = self.np_random
             if len(seeds) != self.num_envs:
                 raise ValueError(f"seed has {len(seeds)} entries; it must be a number or {self.num_envs} of them.")
             for i, each in enumerate(seeds):

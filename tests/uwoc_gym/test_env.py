@@ -262,3 +262,51 @@ def test_standard_wrappers():
         *_, truncated, info = env.step(ZERO)
     assert truncated
     assert info["episode"]["l"] == 5
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_an_assigned_generator_gives_its_own_episodes(vector):
+    def start(generator, before=None):
+        env = uwoc_gym.TrackingVectorEnv(3, "Random") if vector else gym.make("uwoc/Random-v0").unwrapped
+        if before is not None:
+            env.reset(seed=before)
+        env.np_random = generator
+        episodes = [env.reset()[0], env.reset()[0]]
+        assert not np.array_equal(*episodes)
+        return np.array(episodes)
+
+    first = start(np.random.default_rng(1))
+    np.testing.assert_array_equal(start(np.random.default_rng(1)), first)
+    np.testing.assert_array_equal(start(np.random.default_rng(1), before=5), first)
+    assert not np.array_equal(start(np.random.default_rng(2)), first)
+    assert not np.array_equal(start(np.random.default_rng()), start(np.random.default_rng()))
+
+
+def test_a_list_of_seeds_is_followed_by_its_own_episodes():
+    env = uwoc_gym.TrackingVectorEnv(3, "Random")
+    env.reset(seed=[4, 9, 2])
+    expected = env.reset()[0]
+    env.np_random = np.random.default_rng(1)
+    env.reset(seed=[4, 9, 2])
+    np.testing.assert_array_equal(env.reset()[0], expected)
+    one = gym.make("uwoc/Random-v0")
+    one.reset(seed=9)
+    np.testing.assert_array_equal(one.reset()[0], expected[1])
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_spec_tells_scenarios_of_one_name_apart(vector):
+    def made(given, **options):
+        if vector:
+            return gym.make_vec(given, vectorization_mode="vector_entry_point", **options)
+        return gym.make(given, **options)
+
+    env = made("uwoc/Nominal-v0", scenario={"vehicle": {"mass_scale": 1.1}})
+    digest = env.spec.kwargs["scenario_digest"]
+    assert digest == env.unwrapped.scenario.digest() != made("uwoc/Nominal-v0").spec.kwargs["scenario_digest"]
+    if not vector:
+        assert (
+            gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json())).unwrapped.scenario.digest() == digest
+        )
+    with pytest.warns(UserWarning, match=f"scenario_digest = '{digest}' was recorded of another scenario"):
+        made("uwoc/Nominal-v0", scenario_digest=digest)

@@ -532,3 +532,61 @@ def test_a_large_fleet_fits_into_300_megabytes():
     assert np.isfinite(out).all()
     # With less, the allocations would have gone unseen.
     assert 65_536 * 8 * 50 < peak < 300e6
+
+
+@pytest.mark.parametrize("autoreset", RESETS, ids=["next step", "same step"])
+@pytest.mark.parametrize("start_m", [0.5, 6.0])
+def test_an_episode_is_that_of_a_fresh_fleet_reset_as_often(fly, autoreset, start_m):
+    """Nothing of an episode reaches into the next: state, info and success are those of a fleet that skipped it."""
+    size, length = 9, 30
+    scenario = RANDOM.merged({"start": {"x_m": (-start_m, start_m), "y_m": (-start_m, start_m)}})
+    flight = fly(scenario, size, seed=50, autoreset=autoreset, max_episode_steps=length)
+    succeeded = []
+    turn = length + (autoreset is Autoreset.NEXT_STEP)
+    for episode in range(3):
+        fresh = fly(scenario, size, seed=50, autoreset=autoreset, max_episode_steps=length)
+        for _ in range(episode):
+            fresh.fleet.reset(fresh.observations)
+        np.testing.assert_array_equal(flight.observations, fresh.observations)
+        np.testing.assert_equal(flight.fleet.state(), fresh.fleet.state())
+        np.testing.assert_equal(flight.fleet.drawn(), fresh.fleet.drawn())
+        for _ in range(length):
+            # Out of the cone in one episode, at rest in the next.
+            action = 0.0 if episode % 2 else np.sign(ACTIONS[0, :size])
+            flight.step(action)
+            fresh.step(action)
+            np.testing.assert_array_equal(flight.out, fresh.out)
+            np.testing.assert_array_equal(flight.flags, fresh.flags)
+        succeeded.append(flight.flags[3].mean())
+        if turn > length:
+            flight.step()
+    if start_m < 1.0:
+        assert succeeded[0] < 0.5 < succeeded[1]
+
+
+def test_success_of_an_episode_knows_nothing_of_the_one_before(fly):
+    # Episode 1 ends outside the cone, episode 2 stays on its axis throughout.
+    still = Scenario(ship=StraightPath(speed_mps=0.0), episode=EpisodeSettings(duration_s=2.0, lost_distance_m=1e3))
+    flight = fly(still, pose=(6.0, 0.0, 0.0))
+    flight.step(0.0, 40)
+    assert flight.measures()["is_success"][0] == 0.0
+    flight.fleet.reset(flight.observations, pose=(0.0, 0.0, 0.0))
+    for _ in range(40):
+        flight.step()
+        assert flight.measures()["is_success"][0] == 1.0
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_each_actuator_has_its_own_limit(fly, axis):
+    limits = {"max_surge_force_n": 700.0, "max_sway_force_n": 1100.0, "max_yaw_moment_nm": 90.0}
+    free = {f"{order}_damping_{name}": 0.0 for order in ("linear", "quadratic") for name in ("surge", "sway", "yaw")}
+    flight = fly(Scenario().merged({"vehicle": limits | free}), velocity=(0.0, 0.0, 0.0))
+    action = np.zeros(3)
+    action[axis] = 0.5
+    state = flight.step(action)
+    force = 0.5 * np.array(list(limits.values()))[axis]
+    # Without damping the velocity after a period is force over mass times the period, along that axis alone.
+    expected = np.zeros(3)
+    expected[axis] = force / (100.0, 250.0, 80.0)[axis] * 0.05
+    np.testing.assert_allclose(state["velocity"][0], expected, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(state["force"][0, axis], force, rtol=1e-12)
