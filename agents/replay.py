@@ -16,7 +16,7 @@ from uwoc_gym.agents.command import moment, require, write_text
 from uwoc_gym.agents.evaluate import Flight, fly
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.link import Cone
-from uwoc_gym.sea import drawn_pulses
+from uwoc_gym.pulses import drawn_pulses
 
 HELP = "fly policies through one episode and write it as a page to turn, zoom and play"
 EXAMPLES = """\

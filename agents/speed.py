@@ -16,10 +16,11 @@ import numpy as np
 from uwoc_gym.agents import report
 from uwoc_gym.agents.command import output_folder, require, seconds, whole
 from uwoc_gym.baselines import NLPDController
-from uwoc_gym.block import MEASURES
-from uwoc_gym.fleet import Autoreset, Fleet, _step
 from uwoc_gym.observation import SIZE
 from uwoc_gym.scenario import SCENARIOS
+from uwoc_gym.sim.fleet import Autoreset, Fleet
+from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
+from uwoc_gym.sim.paper import step_one
 from uwoc_gym.spaces import ACTION_SIZE
 
 HELP = "measure steps per second against Gymnasium's CartPole-v1"
@@ -128,24 +129,21 @@ def _steps_for(runner: _Runner, duration: float) -> int:
 
 
 @numba.njit
-def _many(count, state, table, splines, actions, observations, out, flags, unused):  # type: ignore[no-untyped-def]
+def _many(count, memory, action, observation):  # type: ignore[no-untyped-def]
     for _ in range(count):
-        _step(state, table, splines, actions, observations, out, flags, unused, 0, 1)  # type: ignore[no-untyped-call]
+        step_one(memory, action, observation)  # type: ignore[no-untyped-call]
 
 
 def _kernel_runner(name: str, seed: int) -> _Runner:
     """A fleet of one stepped from compiled code, so that no Python runs between steps."""
-    fleet = Fleet(SCENARIOS[name], 1, Autoreset.NEXT_STEP)
+    fleet = Fleet(SCENARIOS[name].merged({"episode": {"lost_distance_m": 1e9}}), 1, max_episode_steps=2**53)
     fleet.seed(np.zeros(1, dtype=np.int64), [seed])
     observations = np.zeros((1, SIZE), dtype=np.float32)
     fleet.reset(observations)
-    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, (1, ACTION_SIZE)).astype(np.float32)
-    arguments = (fleet._state, fleet._table, fleet._splines, actions, observations, np.empty((MEASURES, 1)))
-    flags = np.zeros((4, 1), dtype=np.bool_)
-    unused = np.zeros((0, SIZE), dtype=np.float32)
+    action = np.random.default_rng(seed).uniform(-1.0, 1.0, ACTION_SIZE).astype(np.float32)
 
     def run(steps: int) -> int:
-        _many(steps, *arguments, flags, unused)
+        _many(steps, fleet.memory, action, observations[0])
         return steps
 
     return _Runner(run, fleet.close)
@@ -165,15 +163,15 @@ def _memory(name: str, size: int, seed: int) -> dict[str, Any]:
     before = _resident_bytes()
     fleet = Fleet(SCENARIOS[name], size, Autoreset.NEXT_STEP)
     observations = np.zeros((size, SIZE), dtype=np.float32)
-    out = np.empty((MEASURES, size))
+    out = np.empty((len(MEASURE_NAMES), size))
     fleet.seed(np.arange(size), [seed + i for i in range(size)])
     fleet.reset(observations)
-    flags = np.zeros((4, size), dtype=np.bool_)
+    flags = np.zeros((len(FLAGS), size), dtype=np.bool_)
     fleet.step(np.zeros((size, ACTION_SIZE), dtype=np.float32), observations, out, flags)
     after = _resident_bytes()
     return {
         "simulations": size,
-        "state_bytes": fleet._state.nbytes,
+        "state_bytes": fleet.memory.nbytes,
         "outputs_bytes": observations.nbytes + out.nbytes,
         "resident_growth_bytes": None if before is None or after is None else after - before,
     }

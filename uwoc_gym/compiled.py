@@ -24,8 +24,9 @@ class _CacheState:
 @lru_cache(maxsize=1)
 def _sources_stamp() -> tuple[tuple[str, int, int], ...]:
     """Name, time of change and size of each source file of this package."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
-    return tuple((file.name, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    folder = Path(__file__).parent
+    files = sorted(folder.rglob("*.py"))
+    return tuple((str(file.relative_to(folder)), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
 
 
 def compiled(function: Function) -> Function:
@@ -60,3 +61,10 @@ def inlined(function: Function) -> Function:
 def subroutine(function: Function) -> Function:
     """Compile a large function that other compiled code calls; the compiler decides whether to inline it."""
     return cast(Function, numba.njit(**_OPTIONS)(function))
+
+
+def over_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The scalar equation ``function``, plain or `inlined`, as a NumPy ufunc that is compiled on first use."""
+    return cast(
+        Callable[..., Any], numba.vectorize(cache=_CacheState.available)(getattr(function, "py_func", function))
+    )

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -42,6 +41,18 @@ def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
 
 
 @_intrinsic
+def floor(typing_context: Any, x: Any) -> Any:
+    """The largest whole number that isn't above x, as a float."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.DoubleType()
+        function = builder.module.declare_intrinsic("llvm.floor", [kind])
+        return builder.call(function, arguments)
+
+    return types.float64(types.float64), generate
+
+
+@_intrinsic
 def _float_to_bits(typing_context: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], ir.IntType(64))
@@ -69,7 +80,7 @@ def small_sincos(x: float) -> tuple[float, float]:
 @inlined
 def sincos(x: float) -> tuple[float, float]:
     """Sine and cosine of x [rad]; error below 3e-16 for \\|x\\| ≤ 1e6."""
-    k = np.floor(x * (2 / math.pi) + 0.5)
+    k = floor(x * (2 / math.pi) + 0.5)
     r = fma(-k, _HALF_PI_LOW, fma(-k, _HALF_PI_HIGH, x))
     z = r * r
     s = fma(z, fma(z, -1 / 1307674368000, 1 / 6227020800), -1 / 39916800)
@@ -78,7 +89,7 @@ def sincos(x: float) -> tuple[float, float]:
     c = fma(z, fma(z, 1 / 20922789888000, -1 / 87178291200), 1 / 479001600)
     c = fma(z, fma(z, fma(z, fma(z, fma(z, c, -1 / 3628800), 1 / 40320), -1 / 720), 1 / 24), -0.5)
     c = fma(z, c, 1.0)
-    quadrant = k - 4.0 * np.floor(0.25 * k)
+    quadrant = k - 4.0 * floor(0.25 * k)
     odd = (quadrant == 1.0) or (quadrant == 3.0)
     sine = c if odd else s
     cosine = s if odd else c
@@ -109,7 +120,7 @@ def log(x: float) -> float:
 def exp(x: float) -> float:
     """Exponential of x, saturating outside [-700, 700]; relative error below 4e-16."""
     x = min(max(x, -700.0), 700.0)
-    k = np.floor(x * (1 / _LN2_HIGH) + 0.5)
+    k = floor(x * (1 / _LN2_HIGH) + 0.5)
     r = fma(-k, _LN2_LOW, fma(-k, _LN2_HIGH, x))
     series = fma(r, fma(r, fma(r, 1 / 6227020800, 1 / 479001600), 1 / 39916800), 1 / 3628800)
     series = fma(r, fma(r, fma(r, fma(r, series, 1 / 362880), 1 / 40320), 1 / 5040), 1 / 720)
@@ -147,4 +158,4 @@ def atan2(y: float, x: float) -> float:
 @inlined
 def wrap(angle: float) -> float:
     """The same angle in [-π, π), to within rounding."""
-    return angle - 2.0 * math.pi * np.floor(angle * (0.5 / math.pi) + 0.5)
+    return angle - 2.0 * math.pi * floor(angle * (0.5 / math.pi) + 0.5)

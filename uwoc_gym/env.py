@@ -8,8 +8,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
 from uwoc_gym.observation import SIZE
+from uwoc_gym.sim.fleet import Autoreset, Fleet
+from uwoc_gym.sim.layout import MEASURE_NAMES
 from uwoc_gym.spaces import (
     ACTION_SIZE,
     FRAME,
@@ -247,9 +248,12 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         values = {name: array[0] for name, array in self._fleet.state().items()}
         return {name: value if np.ndim(value) else value.item() for name, value in values.items()}
 
-    def parameters(self) -> dict[str, float]:
-        """What the present episode has drawn for each number of the scenario, by its path."""
-        return {path: float(values[0]) for path, values in self._fleet.drawn().items()}
+    def parameters(self) -> dict[str, Any]:
+        """What the present episode has drawn for each number and choice of the scenario, by its path.
+
+        ``ship`` is the place of its path among the scenario's; of the others numbers are not a number, choices empty.
+        """
+        return {path: values[0].item() for path, values in self._fleet.drawn().items()}
 
     def push(self, impulse: npt.ArrayLike) -> None:
         """Give the AUV a shove: change its velocity at once.

@@ -1,8 +1,11 @@
 """The optical channel: from optical power to bit rate under solar noise, and the cone in which the link holds.
 
 Equations of section 2 of N'Doye, Zhang, Alouini and Laleg-Kirati, "Establishing and Maintaining a Reliable Optical
-Wireless Communication in Underwater Environment" (here: the paper). The module's functions hold each equation once;
-they take scalars in compiled code and arrays in NumPy.
+Wireless Communication in Underwater Environment" (here: the paper). Each stands once, as a function of scalars that
+compiled code calls; `OpticalLink` evaluates the same functions over arrays.
+
+For a given link the bit rate is ln B = a + b ln d + c (d − 1) + e ln cos ψ in range d and pointing error ψ, which is
+what an episode evaluates at every step.
 """
 
 from __future__ import annotations
@@ -14,9 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba.extending import register_jitable
 
+from uwoc_gym.compiled import inlined, over_arrays
+from uwoc_gym.elementary import atan_below_one, exp, fma, log
 from uwoc_gym.parameters import Number, Parameters, SettingError, choice, number
+from uwoc_gym.records import rows
 
 ELEMENTARY_CHARGE_C = 1.602176634e-19
 """Charge of the electron [C], exact in the SI since 2019."""
@@ -25,53 +30,64 @@ PAPER = "paper, table 1"
 
 Array = npt.NDArray[np.float64]
 
+STATE = rows(
+    # The link that the episode has drawn.
+    "ln_rate", "slope_log", "slope_linear", "slope_cos", "depth_m", "ln_depth", "cos_fov", "slant_height_m",
+    "level_scale",
+    # The link at the present place: ln of the bit rate over the threshold, whether the AUV is in the field of view,
+    # the bit rate between threshold and on-axis rate on a log scale, the horizontal distance to the ship [m].
+    "ln_multiple", "visible", "level", "distance_m",
+)  # fmt: skip
+MEASURE = rows("bit_rate_bps", "snr", "ber", "range_m", "pointing_error_rad", "in_cone")
+COST = rows("outside")
 
-@register_jitable
+
+@inlined
 def lambertian_order(half_power_angle):
-    return -np.log(2.0) / np.log(np.cos(half_power_angle))
+    return -math.log(2.0) / math.log(math.cos(half_power_angle))
 
 
-@register_jitable
+@inlined
 def radiant_intensity(power, order, range_m, emission_angle):
-    lobe = np.cos(emission_angle) ** order
-    return power * (order + 1.0) / (2.0 * np.pi * range_m**2) * lobe
+    lobe = math.cos(emission_angle) ** order
+    return power * (order + 1.0) / (2.0 * math.pi * range_m**2) * lobe
 
 
-@register_jitable
+@inlined
 def effective_area(detector_area, refractive_index, field_of_view, pointing_error):
-    concentrator_gain = refractive_index**2 / np.sin(field_of_view) ** 2
-    return concentrator_gain * detector_area * np.cos(pointing_error)
+    concentrator_gain = refractive_index**2 / math.sin(field_of_view) ** 2
+    return concentrator_gain * detector_area * math.cos(pointing_error)
 
 
-@register_jitable
+@inlined
 def channel_loss(attenuation, range_m):
-    return np.exp(-attenuation * range_m)
+    return math.exp(-attenuation * range_m)
 
 
-@register_jitable
+@inlined
 def solar_power(irradiance, transmittance, bandwidth, area):
     return irradiance * transmittance * bandwidth * area
 
 
-@register_jitable
+@inlined
 def shot_noise_per_hertz(responsivity, background_power):
     return 2.0 * ELEMENTARY_CHARGE_C * responsivity * background_power
 
 
-@register_jitable
+@inlined
 def solve_log_range(excess, log_slope, linear_slope):
     """ln d where excess + log_slope·ln d + linear_slope·(d − 1) = 0, by Newton's method in ln d.
 
     In ln d the function is concave and falls, so that Newton's method converges from anywhere.
     """
-    x = np.minimum(-excess / log_slope, 12.0)
+    x = min(-excess / log_slope, 12.0)
     for _ in range(40):
-        d = np.exp(x)
+        d = math.exp(x)
         x = x - (excess + log_slope * x + linear_slope * (d - 1.0)) / (log_slope + linear_slope * d)
     return x
 
 
-@register_jitable
+@inlined
 def log_rate_slopes(order, attenuation, surface_background):
     """How ln(bit rate) goes with ln(range), range and ln(cos of the pointing error).
 
@@ -80,6 +96,17 @@ def log_rate_slopes(order, attenuation, surface_background):
     if surface_background:
         return -4.0, -2.0 * attenuation, 2.0 * (order + 1.0)
     return -4.0, 0.0, 2.0 * (order + 1.0) - 1.0
+
+
+_radiant_intensity = over_arrays(radiant_intensity)
+_effective_area = over_arrays(effective_area)
+_channel_loss = over_arrays(channel_loss)
+_solve_log_range = over_arrays(solve_log_range)
+# These are plain arithmetic, which Python does to arrays as well.
+_lambertian_order = lambertian_order.py_func  # type: ignore[attr-defined]
+_solar_power = solar_power.py_func  # type: ignore[attr-defined]
+_shot_noise_per_hertz = shot_noise_per_hertz.py_func  # type: ignore[attr-defined]
+_log_rate_slopes = log_rate_slopes.py_func  # type: ignore[attr-defined]
 
 
 class Cone(NamedTuple):
@@ -174,29 +201,41 @@ class OpticalLink(Parameters):
                 f"threshold_bit_rate_bps = {self.threshold_bit_rate_bps!r} [bit/s]."
             )
 
+    def derived(self) -> dict[str, float]:
+        """Q⁻¹ of the target, and threshold and highest rate with their logarithms."""
+        ln_threshold = math.log(self.threshold_bit_rate_bps)
+        ln_ceiling = math.inf if self.max_bit_rate_bps is None else math.log(self.max_bit_rate_bps)
+        return {
+            "q": inverse_q_function(self.target_ber),
+            "ln_threshold": ln_threshold,
+            "ln_ceiling": ln_ceiling,
+            "threshold_bps": math.exp(ln_threshold),
+            "ceiling_bps": math.exp(ln_ceiling),
+        }
+
     @property
     def lambertian_order(self) -> float:
         """Lambert's mode number m = −ln 2 / ln cos Φ½ (paper, eq. 2)."""
-        return float(lambertian_order(self.value("half_power_angle_rad")))
+        return float(_lambertian_order(self.value("half_power_angle_rad")))
 
     def radiant_intensity(self, range_m: npt.ArrayLike, emission_angle_rad: npt.ArrayLike) -> float | Array:
         """Radiant intensity over range squared, I_s [W/m²] (paper, eq. 1)."""
         d, angle = _geometry(range_m, emission_angle_rad)
         inside = np.cos(np.minimum(angle, math.pi / 2))
-        lit = radiant_intensity(self.value("power_w"), self.lambertian_order, d, np.arccos(inside))
+        lit = _radiant_intensity(self.value("power_w"), self.lambertian_order, d, np.arccos(inside))
         return _like_input(np.where(angle < math.pi / 2, lit, 0.0))
 
     def effective_area(self, pointing_error_rad: npt.ArrayLike) -> float | Array:
         """Effective area of the receiver A_eff [m²] (paper, eqs. 3 and 4)."""
         _, angle = _geometry(1.0, pointing_error_rad)
         fov = self.value("field_of_view_rad")
-        area = effective_area(self.value("detector_area_m2"), self.value("refractive_index"), fov, angle)
+        area = _effective_area(self.value("detector_area_m2"), self.value("refractive_index"), fov, angle)
         return _like_input(np.where(angle <= fov, area, 0.0))
 
     def received_power(self, range_m: npt.ArrayLike, pointing_error_rad: npt.ArrayLike) -> float | Array:
         """Received optical power P_RX [W] (paper, eq. 6)."""
         d, angle = _geometry(range_m, pointing_error_rad)
-        loss = channel_loss(self.value("attenuation_per_m"), d)
+        loss = _channel_loss(self.value("attenuation_per_m"), d)
         return _like_input(self.radiant_intensity(d, angle) * self.effective_area(angle) * loss)
 
     def photocurrent(self, range_m: npt.ArrayLike, pointing_error_rad: npt.ArrayLike) -> float | Array:
@@ -210,12 +249,12 @@ class OpticalLink(Parameters):
             irradiance = np.full_like(d, self.value("solar_irradiance_w_per_m2_nm"))
             area: npt.ArrayLike = self.value("detector_area_m2")
         else:
-            irradiance = self.value("solar_irradiance_w_per_m2_nm") * channel_loss(
+            irradiance = self.value("solar_irradiance_w_per_m2_nm") * _channel_loss(
                 2.0 * self.value("attenuation_per_m"), d
             )
             area = self.effective_area(angle)
         return _like_input(
-            solar_power(irradiance, self.value("water_transmittance"), self.value("filter_bandwidth_nm"), area)
+            _solar_power(irradiance, self.value("water_transmittance"), self.value("filter_bandwidth_nm"), area)
         )
 
     def noise_variance(
@@ -223,7 +262,7 @@ class OpticalLink(Parameters):
     ) -> float | Array:
         """Variance of the solar shot noise σ_b² [A²] at a bit rate [bit/s] (paper, eq. 10)."""
         background = self.background_power(range_m, pointing_error_rad)
-        density = shot_noise_per_hertz(self.value("responsivity_a_per_w"), background)
+        density = _shot_noise_per_hertz(self.value("responsivity_a_per_w"), background)
         return _like_input(density * _positive("bit_rate_bps", bit_rate_bps))
 
     def snr(
@@ -258,9 +297,9 @@ class OpticalLink(Parameters):
         at_one_metre = np.asarray(self.snr(1.0, angle, 1.0)) / inverse_q_function(self.target_ber) ** 2
         lit = at_one_metre > 0.0
         excess = np.log(np.where(lit, at_one_metre, 1.0)) - np.log(wanted)
-        slopes = log_rate_slopes(self.lambertian_order, self.value("attenuation_per_m"), self.background == "surface")
+        slopes = _log_rate_slopes(self.lambertian_order, self.value("attenuation_per_m"), self.background == "surface")
         reachable = lit & (wanted <= (math.inf if self.max_bit_rate_bps is None else self.max_bit_rate_bps))
-        return _like_input(np.where(reachable, np.exp(solve_log_range(excess, slopes[0], slopes[1])), 0.0))
+        return _like_input(np.where(reachable, np.exp(_solve_log_range(excess, slopes[0], slopes[1])), 0.0))
 
     def cone(self, bit_rate_bps: float | None = None) -> Cone:
         """The cone in which ``bit_rate_bps`` [bit/s], by default the threshold, is reached (paper, sec. 2.3).
@@ -315,3 +354,94 @@ def _positive(name: str, value: npt.ArrayLike) -> Array:
 def _like_input(value: npt.ArrayLike) -> float | Array:
     array = np.asarray(value, dtype=float)
     return float(array) if array.ndim == 0 else array
+
+
+@inlined
+def begin(b, j, world) -> None:
+    """Reduce the link that the lane has drawn to ln B = a + b ln d + c (d − 1) + e ln cos ψ, its cone and depth."""
+    p = b.drawn.link
+    fov = p.field_of_view_rad[j]
+    responsivity = p.responsivity_a_per_w[j]
+    attenuation = p.attenuation_per_m[j]
+    order = lambertian_order(p.half_power_angle_rad[j])
+    area = effective_area(p.detector_area_m2[j], p.refractive_index[j], fov, 0.0)
+    loss = channel_loss(attenuation, 1.0)
+    current = responsivity * (radiant_intensity(p.power_w[j], order, 1.0, 0.0) * area * loss)
+    surface = p.background[j] == 0.0
+    irradiance = p.solar_irradiance_w_per_m2_nm[j] * (1.0 if surface else loss * loss)
+    lit = p.detector_area_m2[j] if surface else area
+    background = solar_power(irradiance, p.water_transmittance[j], p.filter_bandwidth_nm[j], lit)
+    noise = shot_noise_per_hertz(responsivity, background)
+    q = world.link.q
+    ln_rate = math.log(current * current / noise / (q * q))
+    slope_log, slope_linear, slope_cos = log_rate_slopes(order, attenuation, surface)
+
+    excess = ln_rate + slope_cos * math.log(math.cos(fov)) - world.link.ln_threshold
+    slant = math.exp(solve_log_range(excess, slope_log, slope_linear))
+    depth = b.drawn.scenario.depth_m[j]
+    if depth != depth:
+        depth = slant * math.cos(fov)
+        b.drawn.scenario.depth_m[j] = depth
+    on_axis = min(ln_rate + slope_log * math.log(depth) + slope_linear * (depth - 1.0), world.link.ln_ceiling)
+    decades = on_axis - world.link.ln_threshold
+
+    o = b.link
+    o.ln_rate[j] = ln_rate
+    o.slope_log[j] = slope_log
+    o.slope_linear[j] = slope_linear
+    o.slope_cos[j] = slope_cos
+    o.depth_m[j] = depth
+    o.ln_depth[j] = math.log(depth)
+    # A hair's breadth of tolerance: at the cone's own depth the rim is where both conditions meet.
+    o.cos_fov[j] = math.cos(fov) * (1.0 - 1e-12)
+    o.slant_height_m[j] = slant * (1.0 + 1e-12)
+    o.level_scale[j] = 1.0 / decades if decades > 0.0 else 0.0
+
+
+@inlined
+def measure(b, j, world) -> None:
+    """What the reward and the observation depend on: where the AUV is in the cone."""
+    o = b.link
+    dx = b.ship.x[j] - b.auv.x[j]
+    dy = b.ship.y[j] - b.auv.y[j]
+    depth = o.depth_m[j]
+    distance2 = fma(dx, dx, dy * dy)
+    range2 = fma(depth, depth, distance2)
+    range_m = math.sqrt(range2)
+    ln_range = 0.5 * log(range2)
+    ln_rate = fma(o.slope_log[j], ln_range, o.ln_rate[j])
+    ln_rate = fma(o.slope_linear[j], range_m - 1.0, ln_rate)
+    ln_rate = fma(o.slope_cos[j], o.ln_depth[j] - ln_range, ln_rate)
+    visible = depth >= o.cos_fov[j] * range_m
+    inside = visible and (range_m <= o.slant_height_m[j])
+    ln_threshold = world.link.ln_threshold
+    above = (min(ln_rate, world.link.ln_ceiling) - ln_threshold) * o.level_scale[j]
+    level = min(max(above, 0.0), 1.0)
+    in_cone = 1.0 if inside else 0.0
+    o.ln_multiple[j] = ln_rate - ln_threshold
+    o.visible[j] = 1.0 if visible else 0.0
+    o.level[j] = level if visible else 0.0
+    o.distance_m[j] = math.sqrt(distance2)
+    b.measure.range_m[j] = range_m
+    b.measure.in_cone[j] = in_cone
+    b.cost.outside[j] = 1.0 - in_cone
+
+
+@inlined
+def report(b, j, world) -> None:
+    """What only `info` shows: bit rate at the target bit error rate, SNR at the threshold, pointing error."""
+    o = b.link
+    multiple = exp(o.ln_multiple[j]) if o.visible[j] > 0.0 else 0.0
+    b.measure.bit_rate_bps[j] = min(multiple * world.link.threshold_bps, world.link.ceiling_bps)
+    b.measure.snr[j] = multiple * (world.link.q * world.link.q)
+    b.measure.pointing_error_rad[j] = 2.0 * atan_below_one(o.distance_m[j] / (b.measure.range_m[j] + o.depth_m[j]))
+
+
+@inlined
+def report_errors(b, j, world) -> None:
+    """The bit error rate at the threshold."""
+    snr = b.measure.snr[j]
+    # Most lanes are either dark or so bright that Q is below the smallest double.
+    unsure = 0.0 < snr < 1500.0
+    certain = 0.0 if snr > 0.0 else 0.5
+    b.measure.ber[j] = 0.5 * math.erfc(math.sqrt(0.5 * snr)) if unsure else certain

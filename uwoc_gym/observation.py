@@ -12,7 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.compiled import inlined
+from uwoc_gym.elementary import fma
 from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.records import rows
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +36,16 @@ class ObservationSettings(Parameters):
     yaw_acceleration_scale_rad_s2: float = number(
         0.5, "rad/s^2", "scale of the ship's yaw acceleration", positive=True, randomisable=False
     )
+
+    def derived(self) -> dict[str, float]:
+        """What entries are multiplied with."""
+        return {
+            "per_position": 1.0 / self.position_scale_m,
+            "per_velocity": 1.0 / self.velocity_scale_mps,
+            "per_yaw_rate": 1.0 / self.yaw_rate_scale_rad_s,
+            "per_acceleration": 1.0 / self.acceleration_scale_mps2,
+            "per_yaw_acceleration": 1.0 / self.yaw_acceleration_scale_rad_s2,
+        }
 
 
 class Entry(NamedTuple):
@@ -73,6 +86,8 @@ ENTRIES: tuple[Entry, ...] = (
 )
 SIZE = len(ENTRIES)
 """Length of the observation vector."""
+
+OBSERVED = rows(tracking=(SIZE,))
 
 (
     SHIP_AHEAD, SHIP_STARBOARD, SHIP_HEADING_COS, SHIP_HEADING_SIN,
@@ -137,3 +152,52 @@ def unpack(observation: npt.ArrayLike, settings: ObservationSettings | None = No
         link_level=si[..., LINK_LEVEL],
         in_cone=si[..., LINK_IN_CONE],
     )
+
+
+@inlined
+def _limited(value: float) -> float:
+    return min(max(value, -LIMIT), LIMIT)
+
+
+@inlined
+def _within_one(value: float) -> float:
+    return min(max(value, -1.0), 1.0)
+
+
+@inlined
+def observe(b, j, world) -> None:
+    """What the sensors say, scaled and clipped."""
+    scale = world.observation
+    noise, ship, o = b.sensors, b.ship, b.observed.tracking
+    p, v, w = scale.per_position, scale.per_velocity, scale.per_yaw_rate
+    a, c = scale.per_acceleration, scale.per_yaw_acceleration
+    cosine = noise.cos[j]
+    sine = noise.sin[j]
+    dx = ship.x[j] - b.auv.x[j] - noise.error_x[j]
+    dy = ship.y[j] - b.auv.y[j] - noise.error_y[j]
+    surge = b.auv.surge[j] + noise.error_surge[j]
+    sway = b.auv.sway[j] + noise.error_sway[j]
+    rate = b.auv.yaw_rate[j] + noise.error_yaw_rate[j]
+    vx, vy = ship.vx[j], ship.vy[j]
+    ax, ay = ship.ax[j], ship.ay[j]
+    ship_cos, ship_sin = ship.cos[j], ship.sin[j]
+    o[SHIP_AHEAD, j] = _limited(p * fma(cosine, dx, sine * dy))
+    o[SHIP_STARBOARD, j] = _limited(p * fma(cosine, dy, -(sine * dx)))
+    o[SHIP_HEADING_COS, j] = _within_one(fma(ship_cos, cosine, ship_sin * sine))
+    o[SHIP_HEADING_SIN, j] = _within_one(fma(ship_sin, cosine, -(ship_cos * sine)))
+    o[RELATIVE_AHEAD, j] = _limited(v * (fma(cosine, vx, sine * vy) - surge))
+    o[RELATIVE_STARBOARD, j] = _limited(v * (fma(cosine, vy, -(sine * vx)) - sway))
+    o[RELATIVE_YAW_RATE, j] = _limited(w * (ship.yaw_rate[j] - rate))
+    o[OWN_SURGE, j] = _limited(v * surge)
+    o[OWN_SWAY, j] = _limited(v * sway)
+    o[OWN_YAW_RATE, j] = _limited(w * rate)
+    o[SHIP_ACCELERATION_AHEAD, j] = _limited(a * fma(cosine, ax, sine * ay))
+    o[SHIP_ACCELERATION_STARBOARD, j] = _limited(a * fma(cosine, ay, -(sine * ax)))
+    o[SHIP_ACCELERATION_YAW, j] = _limited(c * ship.yaw_acceleration[j])
+    o[OWN_HEADING_COS, j] = _within_one(cosine)
+    o[OWN_HEADING_SIN, j] = _within_one(sine)
+    o[LAST_SURGE, j] = b.action.surge[j]
+    o[LAST_SWAY, j] = b.action.sway[j]
+    o[LAST_YAW, j] = b.action.yaw[j]
+    o[LINK_LEVEL, j] = b.link.level[j]
+    o[LINK_IN_CONE, j] = b.measure.in_cone[j]

@@ -49,6 +49,15 @@ class _Spec:
 
     description: str = ""
 
+    @property
+    def differs(self) -> bool:
+        """Whether the value may differ from episode to episode."""
+        return False
+
+    def coded(self, value: Any) -> Any:
+        """The value as a number for compiled code, or a range of them."""
+        return math.nan if value is None else value
+
     def parse(self, value: Any, where: str) -> Any:
         raise AssertionError("every kind of field parses its own values")
 
@@ -68,6 +77,10 @@ class NumberSpec(_Spec):
     randomisable: bool = True
     optional: bool = False
     source: str = ""
+
+    @property
+    def differs(self) -> bool:
+        return self.randomisable
 
     @property
     def allowed(self) -> str:
@@ -118,6 +131,13 @@ class ChoiceSpec(_Spec):
     """One of a few names."""
 
     options: tuple[str, ...] = ()
+
+    @property
+    def differs(self) -> bool:
+        return True
+
+    def coded(self, value: Any) -> Any:
+        return self.options.index(value)
 
     def parse(self, value: Any, where: str) -> str:
         if value in self.options:
@@ -284,6 +304,10 @@ class Parameters:
     def _check(self) -> None:
         """Checks that involve several fields; subclasses raise `SettingError` here."""
 
+    def derived(self) -> dict[str, float]:
+        """What compiled code needs besides the settings themselves, by name."""
+        return {}
+
     @classmethod
     def specs(cls) -> dict[str, _Spec]:
         """The kind, unit, bounds, description and source of each field by name."""
@@ -336,6 +360,25 @@ class Parameters:
         for name, spec in self.specs().items():
             if isinstance(spec, NumberSpec) and spec.randomisable and getattr(self, name) is not None:
                 yield name, getattr(self, name)
+
+    @classmethod
+    def drawn(cls) -> list[str]:
+        """Names of the settings that may differ from episode to episode: numbers that may be ranges, and choices."""
+        return [name for name, spec in cls.specs().items() if spec.differs]
+
+    def drawn_values(self) -> dict[str, Number]:
+        """What compiled code is given for each of `drawn`: not a number for None, its place for a choice."""
+        return {name: self.specs()[name].coded(getattr(self, name)) for name in self.drawn()}
+
+    def fixed_values(self) -> dict[str, float]:
+        """What compiled code is given for the numbers and switches that every episode shares, and `derived`."""
+        specs = self.specs()
+        own = {
+            name: specs[name].coded(getattr(self, name))
+            for name in specs
+            if not specs[name].differs and isinstance(specs[name], (NumberSpec, FlagSpec))
+        }
+        return own | self.derived()
 
     def value(self, name: str) -> float:
         """The number called ``name``.

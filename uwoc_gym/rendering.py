@@ -22,8 +22,8 @@ with warnings.catch_warnings():
     import pygame
     import pygame.gfxdraw
 
+from uwoc_gym.pulses import DrawnPulse, drawn_pulses
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.sea import DrawnPulse, drawn_pulses
 from uwoc_gym.spaces import FRAME, check_render_size
 
 Array = npt.NDArray[np.float64]

@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from uwoc_gym.compiled import inlined
-from uwoc_gym.elementary import fma
+from uwoc_gym.elementary import fma, wrap
 from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.records import rows
 
-TERMS = ("bit_rate", "in_cone", "position", "heading", "effort")
-"""Names of the reward terms; `info` has each as ``reward_<name>``."""
+TERM = rows("bit_rate", "in_cone", "position", "heading", "effort")
+"""The reward terms; `info` has each as ``reward_<name>``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,15 +50,22 @@ class RewardSettings(Parameters):
 
 
 @inlined
-def reward_terms(
-    level, in_cone, distance, yaw_error, surge, sway, yaw,
-    w_rate, w_cone, w_position, w_heading, w_effort, position_scale, heading_scale,
-):  # fmt: skip
-    """The weighted terms, in the order of `TERMS`, from the link's state, the errors and the clipped action."""
-    return (
-        w_rate * level,
-        w_cone * in_cone,
-        w_position * position_scale / (position_scale + distance),
-        w_heading * heading_scale / (heading_scale + abs(yaw_error)),
-        -(w_effort / 3.0) * fma(surge, surge, fma(sway, sway, yaw * yaw)),
-    )
+def pay(b, j, world) -> None:
+    """The weighted terms and their sum, and that of the costs."""
+    w = world.reward
+    t = b.term
+    yaw_error = wrap(b.ship.yaw[j] - b.auv.yaw[j])
+    surge, sway, yaw = b.action.surge[j], b.action.sway[j], b.action.yaw[j]
+    t.bit_rate[j] = w.bit_rate * b.link.level[j]
+    t.in_cone[j] = w.in_cone * b.measure.in_cone[j]
+    t.position[j] = w.position * w.position_scale_m / (w.position_scale_m + b.link.distance_m[j])
+    t.heading[j] = w.heading * w.heading_scale_rad / (w.heading_scale_rad + abs(yaw_error))
+    t.effort[j] = -(w.effort / 3.0) * fma(surge, surge, fma(sway, sway, yaw * yaw))
+    reward = 0.0
+    for k in range(t.all.shape[0]):
+        reward += t.all[k, j]
+    b.outcome.reward[j] = reward
+    cost = 0.0
+    for k in range(b.cost.all.shape[0]):
+        cost += b.cost.all[k, j]
+    b.total.cost[j] = cost

@@ -9,76 +9,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from uwoc_gym.current import Current
+from uwoc_gym.ending import EpisodeSettings
 from uwoc_gym.link import OpticalLink
 from uwoc_gym.observation import ObservationSettings
-from uwoc_gym.parameters import Number, Parameters, SettingError, child, closest, flag, number
+from uwoc_gym.parameters import Number, Parameters, SettingError, child, closest, number
+from uwoc_gym.pulses import Pulse
 from uwoc_gym.reward import RewardSettings
-from uwoc_gym.sea import Current, Pulse, Sea
+from uwoc_gym.sea import Sea
 from uwoc_gym.sensors import Sensors
 from uwoc_gym.ship import SHIP_PATHS, CirclePath, LawnMowerPath, PaperPath, RandomPath, ShipPath, StraightPath
+from uwoc_gym.start import Start
 from uwoc_gym.vehicle import Vehicle
-
-
-@dataclass(frozen=True, kw_only=True)
-class Start(Parameters):
-    """The AUV's state at time 0: in the earth frame, or as offsets from the ship's position and heading."""
-
-    x_m: Number = number(5.0, "m", "x", source="paper, sec. 4")
-    y_m: Number = number(5.0, "m", "y", source="paper, sec. 4")
-    yaw_rad: Number = number(0.0, "rad", "yaw", source="paper, sec. 4")
-    surge_mps: Number = number(0.0, "m/s", "surge velocity", source="paper, sec. 4: at rest")
-    sway_mps: Number = number(0.0, "m/s", "sway velocity", source="paper, sec. 4: at rest")
-    yaw_rate_rad_s: Number = number(0.0, "rad/s", "yaw rate", source="paper, sec. 4: at rest")
-    relative_to_ship: bool = flag(False, "x, y (along the earth's axes) and yaw are offsets from the ship's")
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeSettings(Parameters):
-    """Time grid and end of an episode."""
-
-    duration_s: float = number(150.0, "s", "length", positive=True, randomisable=False, source="paper, sec. 4")
-    control_period_s: float = number(
-        0.05,
-        "s",
-        "time between actions",
-        positive=True,
-        randomisable=False,
-        source="20 Hz; the paper's runs use 0.005 s",
-    )
-    integration_step_s: float = number(
-        0.005, "s", "step of the RK4 integrator", positive=True, randomisable=False, source="paper, sec. 4"
-    )
-    lost_distance_m: float = number(
-        20.0,
-        "m",
-        "horizontal distance at which the link counts as lost beyond recovery",
-        positive=True,
-        randomisable=False,
-        source="project default: twice the radius of the paper's path",
-    )
-
-    def _check(self) -> None:
-        _whole(self.control_period_s, self.integration_step_s, "control_period_s", "integration_step_s")
-        _whole(self.duration_s, self.control_period_s, "duration_s", "control_period_s")
-
-    @property
-    def substeps(self) -> int:
-        """Integration steps in a control period."""
-        return round(self.control_period_s / self.integration_step_s)
-
-    @property
-    def steps(self) -> int:
-        """Control periods in an episode."""
-        return round(self.duration_s / self.control_period_s)
-
-
-def _whole(long: float, short: float, long_name: str, short_name: str) -> None:
-    ratio = long / short
-    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
-        raise SettingError(
-            f"EpisodeSettings.{long_name} = {long!r} is not allowed; it must be a whole multiple of "
-            f"{short_name} = {short!r} [s]."
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

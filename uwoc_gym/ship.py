@@ -12,57 +12,35 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.block import (
-    FIRST_PARAMETER,
-    HARMONIC,
-    HARMONIC_ROWS,
-    HARMONICS,
-    HEADING,
-    HEADING_RATE,
-    LEGS_COURSE,
-    LEGS_LENGTH,
-    LEGS_SIDE,
-    LEGS_SPACING,
-    LEGS_SPEED,
-    PATH_KIND,
-    PATH_VX,
-    PATH_VY,
-    PATH_X,
-    PATH_Y,
-    SHIP_AX,
-    SHIP_AY,
-    SHIP_COS,
-    SHIP_SIN,
-    SHIP_VX,
-    SHIP_VY,
-    SHIP_X,
-    SHIP_Y,
-    SHIP_YAW,
-    SHIP_YAW_ACCELERATION,
-    SHIP_YAW_RATE,
-    STRIDE,
-    SWING,
-    SWING_PHASE,
-    SWING_RATE,
-    TIME,
-)
+from uwoc_gym import ending, rng
 from uwoc_gym.compiled import compiled, inlined
-from uwoc_gym.elementary import atan2, fma, sincos
+from uwoc_gym.elementary import atan2, floor, fma, sincos
 from uwoc_gym.parameters import Number, Parameters, SettingError, choice, number, samples
-from uwoc_gym.rng import STREAM_SHIP, draw, key_from_seed
+from uwoc_gym.records import block_type, rows
+from uwoc_gym.rng import draw, key_from_seed
 
 Array = npt.NDArray[np.float64]
 
-PAPER_CODE, STRAIGHT_CODE, CIRCLE_CODE, RANDOM_CODE, LAWN_MOWER_CODE, RECORDED_CODE = range(6)
-PATH_PARAMETERS = 7
-"""Numbers that any path hands to compiled code."""
-SPLINE_COLUMNS = 13
-"""A row of a recorded path's table: start of the segment, then four coefficients for each of x, y, yaw."""
+STREAM = 2.0
+
+STATE = rows("x", "y", "yaw", "cos", "sin", "vx", "vy", "yaw_rate", "ax", "ay", "yaw_acceleration")
+"""The ship's motion at the lane's time, in the earth frame [m, rad, per s, per s²]."""
+
+HARMONICS = 3
+PATH = rows(
+    # A straight part, the heading, and turning vectors of given rate, phase and radii along x and y.
+    "x", "y", "vx", "vy", "heading", "heading_rate", "swing", "swing_rate",
+    rate=(HARMONICS,), phase=(HARMONICS,), radius_x=(HARMONICS,), radius_y=(HARMONICS,),
+)  # fmt: skip
+"""The path that the episode has drawn."""
+
+SEGMENT = np.dtype([("start_s", "f8"), ("x", "f8", 4), ("y", "f8", 4), ("yaw", "f8", 4)])
+"""A segment of a recorded path: coefficients of falling powers of the time since its start."""
 
 COURSE = (0.0, 2.0 * math.pi)
 
@@ -79,15 +57,9 @@ class ShipMotion(NamedTuple):
 class ShipPath(Parameters):
     """Base of all paths."""
 
-    code: ClassVar[int]
-
-    def path_numbers(self) -> list[Number]:
-        """The numbers, fixed or ranges, that the path hands to compiled code, in its order."""
-        return [value for _, value in self.numbers()]
-
-    def table(self) -> Array:
-        """The spline table of a recorded path, shape (segments, 13); empty for the others."""
-        return np.empty((0, SPLINE_COLUMNS))
+    def segments(self) -> Array:
+        """The splines of a recorded path, as `SEGMENT`s; none for the others."""
+        return np.empty(0)
 
     @property
     def end_time_s(self) -> float:
@@ -110,12 +82,13 @@ class ShipPath(Parameters):
             raise ValueError(f"time_s must lie in [0, {self.end_time_s:g}] [s].")
         for name, _ in self.numbers():
             self.value(name)
-        values = np.zeros(PATH_PARAMETERS)
-        numbers = self.path_numbers()
-        values[: len(numbers)] = numbers
+        state = np.zeros(_ALONE.itemsize // 8)
+        block = state.view(_ALONE)[0]
+        for name, value in {**self.drawn_values(), **further_numbers(self, 0)}.items():
+            block["drawn"]["ship"][name][0] = value
+        block["random"]["key_0"][0], block["random"]["key_1"][0] = key_from_seed(seed)
         out = np.empty((times.size, 9))
-        key_0, key_1 = key_from_seed(seed)
-        _trace(self.code, values, self.table(), key_0, key_1, times, out)
+        _trace(state, self.segments(), times, out)
         return ShipMotion(out[:, 0:3], out[:, 3:6], out[:, 6:9])
 
 
@@ -127,7 +100,6 @@ class PaperPath(ShipPath):
     """
 
     kind: ClassVar[str] = "paper"
-    code: ClassVar[int] = PAPER_CODE
 
     radius_m: Number = number(10.0, "m", "radius of the circle", low=0.0, source="paper, sec. 4")
     rate_rad_s: Number = number(0.1, "rad/s", "rate of turning and of the swing", source="paper, sec. 4")
@@ -139,7 +111,6 @@ class StraightPath(ShipPath):
     """A straight line at constant speed, heading along it."""
 
     kind: ClassVar[str] = "straight"
-    code: ClassVar[int] = STRAIGHT_CODE
 
     x_m: Number = number(0.0, "m", "x at time 0")
     y_m: Number = number(0.0, "m", "y at time 0")
@@ -152,7 +123,6 @@ class CirclePath(ShipPath):
     """A circle at constant speed, heading along it."""
 
     kind: ClassVar[str] = "circle"
-    code: ClassVar[int] = CIRCLE_CODE
 
     x_m: Number = number(0.0, "m", "x of the centre")
     y_m: Number = number(0.0, "m", "y of the centre")
@@ -160,9 +130,6 @@ class CirclePath(ShipPath):
     speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
     start_angle_rad: Number = number(0.0, "rad", "direction from the centre to the ship at time 0")
     turn: str = choice("starboard", ("starboard", "port"), "side to which the ship turns")
-
-    def path_numbers(self) -> list[Number]:
-        return [*super().path_numbers(), 1.0 if self.turn == "starboard" else -1.0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +141,6 @@ class RandomPath(ShipPath):
     """
 
     kind: ClassVar[str] = "random"
-    code: ClassVar[int] = RANDOM_CODE
 
     x_m: Number = number(0.0, "m", "x at time 0")
     y_m: Number = number(0.0, "m", "y at time 0")
@@ -190,7 +156,6 @@ class LawnMowerPath(ShipPath):
     """Parallel legs joined by half circles, first to one side, then to the other, heading along the path."""
 
     kind: ClassVar[str] = "lawn-mower"
-    code: ClassVar[int] = LAWN_MOWER_CODE
 
     x_m: Number = number(0.0, "m", "x at time 0")
     y_m: Number = number(0.0, "m", "y at time 0")
@@ -199,9 +164,6 @@ class LawnMowerPath(ShipPath):
     spacing_m: Number = number(8.0, "m", "distance between legs", positive=True)
     speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
     turn: str = choice("starboard", ("starboard", "port"), "side of the first turn")
-
-    def path_numbers(self) -> list[Number]:
-        return [*super().path_numbers(), 1.0 if self.turn == "starboard" else -1.0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +175,6 @@ class RecordedPath(ShipPath):
     """
 
     kind: ClassVar[str] = "recorded"
-    code: ClassVar[int] = RECORDED_CODE
 
     time_s: tuple[float, ...] = samples("s", "increasing times from 0, four or more")
     x_m: tuple[float, ...] = samples("m", "x at these times")
@@ -249,19 +210,16 @@ class RecordedPath(ShipPath):
                 raise SettingError(f"{path}: column {name!r} must hold a number in every row.") from None
         return cls.from_dict(columns)
 
-    def path_numbers(self) -> list[Number]:
-        return []
-
     @property
     def end_time_s(self) -> float:
         return self.time_s[-1]
 
-    def table(self) -> Array:
-        return _spline_table(self.time_s, self.x_m, self.y_m, self.yaw_rad)
+    def segments(self) -> Array:
+        return _splines(self.time_s, self.x_m, self.y_m, self.yaw_rad)
 
 
 @lru_cache(maxsize=8)
-def _spline_table(
+def _splines(
     time_s: tuple[float, ...], x_m: tuple[float, ...], y_m: tuple[float, ...], yaw_rad: tuple[float, ...] | None
 ) -> Array:
     from scipy.interpolate import CubicSpline
@@ -273,8 +231,7 @@ def _spline_table(
     else:
         course = np.asarray(yaw_rad)
     yaw = CubicSpline(time_s, np.unwrap(course))
-    table = np.column_stack([time_s[:-1], x.c.T, y.c.T, yaw.c.T])
-    return np.ascontiguousarray(table)
+    return np.column_stack([time_s[:-1], x.c.T, y.c.T, yaw.c.T]).ravel()
 
 
 SHIP_PATHS: tuple[type[ShipPath], ...] = (
@@ -287,223 +244,171 @@ SHIP_PATHS: tuple[type[ShipPath], ...] = (
 )
 
 
-@inlined
-def set_path(s, j, code, p0, p1, p2, p3, p4, p5, p6) -> None:
-    """Turn the path numbers that lane ``j`` has drawn into the family's coefficients."""
-    s[j + PATH_KIND * STRIDE] = code
-    for row in range(PATH_X, HARMONIC + HARMONICS * HARMONIC_ROWS):
-        s[j + row * STRIDE] = 0.0
-    first = j + HARMONIC * STRIDE
-    if code == PAPER_CODE:
-        s[first] = -p1
-        s[first + STRIDE] = 0.5 * math.pi
-        s[first + 2 * STRIDE] = p0
-        s[first + 3 * STRIDE] = p0
-        s[j + SWING * STRIDE] = p2
-        s[j + SWING_RATE * STRIDE] = p1
-    elif code == STRAIGHT_CODE:
-        sine, cosine = sincos(p2)
-        s[j + PATH_X * STRIDE] = p0
-        s[j + PATH_Y * STRIDE] = p1
-        s[j + PATH_VX * STRIDE] = p3 * cosine
-        s[j + PATH_VY * STRIDE] = p3 * sine
-        s[j + HEADING * STRIDE] = p2
-    elif code == CIRCLE_CODE:
-        rate = p5 * p3 / p2
-        s[j + PATH_X * STRIDE] = p0
-        s[j + PATH_Y * STRIDE] = p1
-        s[first] = rate
-        s[first + STRIDE] = p4
-        s[first + 2 * STRIDE] = p2
-        s[first + 3 * STRIDE] = p2
-        s[j + HEADING * STRIDE] = p4 + 0.5 * math.pi * p5
-        s[j + HEADING_RATE * STRIDE] = rate
-    elif code == LAWN_MOWER_CODE:
-        s[j + PATH_X * STRIDE] = p0
-        s[j + PATH_Y * STRIDE] = p1
-        s[j + LEGS_COURSE * STRIDE] = p2
-        s[j + LEGS_LENGTH * STRIDE] = p3
-        s[j + LEGS_SPACING * STRIDE] = p4
-        s[j + LEGS_SPEED * STRIDE] = p5
-        s[j + LEGS_SIDE * STRIDE] = p6
-    elif code == RECORDED_CODE:
-        s[j + PATH_X * STRIDE] = p0
-        s[j + PATH_Y * STRIDE] = p1
+PAPER, STRAIGHT, CIRCLE, RANDOM, LAWN_MOWER, RECORDED = (float(code) for code in range(len(SHIP_PATHS)))
+"""What `kind` holds for each kind of path."""
+
+DRAWN = rows("kind", *{name: () for path in SHIP_PATHS for name in path.drawn()}, "first_segment", "segments")
+"""The numbers of all kinds of path."""
+
+
+def further_numbers(path: ShipPath, first_segment: int) -> dict[str, int]:
+    """What stands in the rows of `DRAWN` besides the path's own numbers."""
+    segments = path.segments().size * 8 // SEGMENT.itemsize
+    return {"kind": SHIP_PATHS.index(type(path)), "first_segment": first_segment, "segments": segments}
+
+
+def kinds(paths: tuple[ShipPath, ...]) -> dict[str, float]:
+    """Which kinds that need more than the first turning vector are among these."""
+    return {
+        "random": any(isinstance(path, RandomPath) for path in paths),
+        "lawn_mower": any(isinstance(path, LawnMowerPath) for path in paths),
+        "recorded": any(isinstance(path, RecordedPath) for path in paths),
+    }
 
 
 @inlined
-def set_random_path(s, j, x, y, course, speed, wander, shortest, longest, key_0, key_1, episode) -> None:
-    """Draw the turning vectors of a random path for lane ``j``."""
-    sine, cosine = sincos(course)
-    s[j + PATH_VX * STRIDE] = speed * cosine
-    s[j + PATH_VY * STRIDE] = speed * sine
-    for harmonic in range(HARMONICS):
-        u_period, u_phase, u_sense, _ = draw(key_0, key_1, episode, STREAM_SHIP, 0.0, harmonic)
-        rate = 2.0 * math.pi / (shortest + (longest - shortest) * u_period)
-        radius = wander * speed / (HARMONICS * rate)
+def _side(turn):
+    """1 for starboard, −1 for port."""
+    return 1.0 - 2.0 * turn
+
+
+@inlined
+def begin(b, j, world) -> None:
+    """Turn the path that the lane has drawn into the family's coefficients."""
+    p, o = b.drawn.ship, b.path
+    kind = p.kind[j]
+    o.x[j] = o.y[j] = o.vx[j] = o.vy[j] = 0.0
+    o.heading[j] = o.heading_rate[j] = o.swing[j] = o.swing_rate[j] = 0.0
+    for k in range(HARMONICS):
+        o.rate[k, j] = o.phase[k, j] = o.radius_x[k, j] = o.radius_y[k, j] = 0.0
+    if kind == PAPER:
+        o.rate[0, j] = -p.rate_rad_s[j]
+        o.phase[0, j] = 0.5 * math.pi
+        o.radius_x[0, j] = p.radius_m[j]
+        o.radius_y[0, j] = p.radius_m[j]
+        o.swing[j] = p.swing_rad[j]
+        o.swing_rate[j] = p.rate_rad_s[j]
+    elif kind == STRAIGHT:
+        sine, cosine = sincos(p.course_rad[j])
+        o.x[j] = p.x_m[j]
+        o.y[j] = p.y_m[j]
+        o.vx[j] = p.speed_mps[j] * cosine
+        o.vy[j] = p.speed_mps[j] * sine
+        o.heading[j] = p.course_rad[j]
+    elif kind == CIRCLE:
+        side = _side(p.turn[j])
+        rate = side * p.speed_mps[j] / p.radius_m[j]
+        o.x[j] = p.x_m[j]
+        o.y[j] = p.y_m[j]
+        o.rate[0, j] = rate
+        o.phase[0, j] = p.start_angle_rad[j]
+        o.radius_x[0, j] = p.radius_m[j]
+        o.radius_y[0, j] = p.radius_m[j]
+        o.heading[j] = p.start_angle_rad[j] + 0.5 * math.pi * side
+        o.heading_rate[j] = rate
+    elif kind == LAWN_MOWER:
+        o.x[j] = p.x_m[j]
+        o.y[j] = p.y_m[j]
+    elif kind == RANDOM:
+        _begin_random(b, j)
+
+
+@inlined
+def _begin_random(b, j) -> None:
+    """Draw the turning vectors of a random path, which begins where it should."""
+    p, o = b.drawn.ship, b.path
+    speed = p.speed_mps[j]
+    shortest = p.shortest_period_s[j]
+    sine, cosine = sincos(p.course_rad[j])
+    o.vx[j] = speed * cosine
+    o.vy[j] = speed * sine
+    x = p.x_m[j]
+    y = p.y_m[j]
+    for k in range(HARMONICS):
+        u_period, u_phase, u_sense, _ = draw(b, j, STREAM, 0.0, float(k))
+        rate = 2.0 * math.pi / (shortest + (p.longest_period_s[j] - shortest) * u_period)
+        radius = p.wander[j] * speed / (HARMONICS * rate)
         phase = 2.0 * math.pi * u_phase
-        row = j + (HARMONIC + harmonic * HARMONIC_ROWS) * STRIDE
-        s[row] = -rate if u_sense < 0.5 else rate
-        s[row + STRIDE] = phase
-        s[row + 2 * STRIDE] = radius
-        s[row + 3 * STRIDE] = radius
+        o.rate[k, j] = -rate if u_sense < 0.5 else rate
+        o.phase[k, j] = phase
+        o.radius_x[k, j] = radius
+        o.radius_y[k, j] = radius
         sine, cosine = sincos(phase)
         x -= radius * cosine
         y -= radius * sine
-    s[j + PATH_X * STRIDE] = x
-    s[j + PATH_Y * STRIDE] = y
-
-
-def _make_turning(row: int) -> tuple[Any, Any]:
-    """How the turning vector at ``row`` moves the ship; the row is compiled in, so that loops vectorise."""
-
-    @inlined
-    def add(s, j, x, y, vx, vy, ax, ay):
-        """Write the given motion plus the turning vector as the ship's."""
-        rate = s[j + row * STRIDE]
-        sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
-        rx = s[j + (row + 2) * STRIDE]
-        ry = s[j + (row + 3) * STRIDE]
-        rate2 = rate * rate
-        s[j + SHIP_X * STRIDE] = fma(rx, cosine, x)
-        s[j + SHIP_Y * STRIDE] = fma(ry, sine, y)
-        s[j + SHIP_VX * STRIDE] = fma(-(rx * rate), sine, vx)
-        s[j + SHIP_VY * STRIDE] = fma(ry * rate, cosine, vy)
-        s[j + SHIP_AX * STRIDE] = fma(-(rx * rate2), cosine, ax)
-        s[j + SHIP_AY * STRIDE] = fma(-(ry * rate2), sine, ay)
-
-    @inlined
-    def jerk(s, j):
-        """The turning vector's third derivative."""
-        rate = s[j + row * STRIDE]
-        sine, cosine = sincos(fma(rate, s[j + TIME * STRIDE], s[j + (row + 1) * STRIDE]))
-        rate3 = rate * rate * rate
-        return s[j + (row + 2) * STRIDE] * rate3 * sine, -(s[j + (row + 3) * STRIDE] * rate3 * cosine)
-
-    return add, jerk
-
-
-_add_first, _jerk_of_first = _make_turning(HARMONIC)
-_add_second, _jerk_of_second = _make_turning(HARMONIC + HARMONIC_ROWS)
-_add_third, _jerk_of_third = _make_turning(HARMONIC + 2 * HARMONIC_ROWS)
+    o.x[j] = x
+    o.y[j] = y
 
 
 @inlined
-def _add_others(s, lanes):
-    """Add the second and third turning vectors, which only random paths have."""
-    for j in range(lanes):
-        x, y = s[j + SHIP_X * STRIDE], s[j + SHIP_Y * STRIDE]
-        vx, vy = s[j + SHIP_VX * STRIDE], s[j + SHIP_VY * STRIDE]
-        ax, ay = s[j + SHIP_AX * STRIDE], s[j + SHIP_AY * STRIDE]
-        _add_second(s, j, x, y, vx, vy, ax, ay)
-    for j in range(lanes):
-        x, y = s[j + SHIP_X * STRIDE], s[j + SHIP_Y * STRIDE]
-        vx, vy = s[j + SHIP_VX * STRIDE], s[j + SHIP_VY * STRIDE]
-        ax, ay = s[j + SHIP_AX * STRIDE], s[j + SHIP_AY * STRIDE]
-        _add_third(s, j, x, y, vx, vy, ax, ay)
+def _turn(rate, phase, t):
+    """Sine and cosine of a turning vector's angle at time t."""
+    return sincos(fma(rate, t, phase))
 
 
 @inlined
-def _head_along_course(s, lanes) -> None:
-    """Give the lanes on random paths the heading of their velocity."""
-    for j in range(lanes):
-        along = s[j + PATH_KIND * STRIDE] == RANDOM_CODE
-        jx0, jy0 = _jerk_of_first(s, j)
-        jx1, jy1 = _jerk_of_second(s, j)
-        jx2, jy2 = _jerk_of_third(s, j)
-        vx = s[j + SHIP_VX * STRIDE]
-        vy = s[j + SHIP_VY * STRIDE]
-        ax = s[j + SHIP_AX * STRIDE]
-        ay = s[j + SHIP_AY * STRIDE]
-        speed2 = fma(vx, vx, vy * vy)
-        inverse = 1.0 / speed2 if speed2 > 0.0 else 0.0
-        rate = inverse * fma(vx, ay, -(vy * ax))
-        bend = fma(vx, jy0 + jy1 + jy2, -(vy * (jx0 + jx1 + jx2)))
-        acceleration = inverse * fma(-2.0 * rate, fma(vx, ax, vy * ay), bend)
-        yaw = atan2(vy, vx)
-        s[j + SHIP_YAW * STRIDE] = _pick(along, yaw, s[j + SHIP_YAW * STRIDE])
-        s[j + SHIP_YAW_RATE * STRIDE] = _pick(along, rate, s[j + SHIP_YAW_RATE * STRIDE])
-        old = s[j + SHIP_YAW_ACCELERATION * STRIDE]
-        s[j + SHIP_YAW_ACCELERATION * STRIDE] = _pick(along, acceleration, old)
+def sail(b, j) -> None:
+    """Straight part, swinging heading and first turning vector: all that most paths have."""
+    o, s = b.path, b.ship
+    t = b.clock.time_s[j]
+    rate = o.swing_rate[j]
+    sine, cosine = _turn(rate, 0.0, t)
+    swing = o.swing[j]
+    s.yaw[j] = fma(swing, sine, fma(o.heading_rate[j], t, o.heading[j]))
+    s.yaw_rate[j] = fma(swing * rate, cosine, o.heading_rate[j])
+    s.yaw_acceleration[j] = -(swing * rate * rate * sine)
+    vx = o.vx[j]
+    vy = o.vy[j]
+    x = fma(vx, t, o.x[j])
+    y = fma(vy, t, o.y[j])
+    rate = o.rate[0, j]
+    sine, cosine = _turn(rate, o.phase[0, j], t)
+    rx = o.radius_x[0, j]
+    ry = o.radius_y[0, j]
+    rate2 = rate * rate
+    s.x[j] = fma(rx, cosine, x)
+    s.y[j] = fma(ry, sine, y)
+    s.vx[j] = fma(-(rx * rate), sine, vx)
+    s.vy[j] = fma(ry * rate, cosine, vy)
+    s.ax[j] = fma(-(rx * rate2), cosine, 0.0)
+    s.ay[j] = fma(-(ry * rate2), sine, 0.0)
 
 
 @inlined
-def move_ship(s, lanes, random, lawn_mower, recorded, table) -> None:
-    """Write the ship's motion at each lane's time into the block.
+def wander(b, j) -> None:
+    """The other turning vectors and the heading of lanes on random paths; the others' vectors have no length."""
+    o, s = b.path, b.ship
+    t = b.clock.time_s[j]
+    x, y, vx, vy, ax, ay = s.x[j], s.y[j], s.vx[j], s.vy[j], s.ax[j], s.ay[j]
+    rate0, rate1, rate2 = o.rate[0, j], o.rate[1, j], o.rate[2, j]
+    rx1, ry1, rx2, ry2 = o.radius_x[1, j], o.radius_y[1, j], o.radius_x[2, j], o.radius_y[2, j]
+    sine0, cosine0 = _turn(rate0, o.phase[0, j], t)
+    sine1, cosine1 = _turn(rate1, o.phase[1, j], t)
+    sine2, cosine2 = _turn(rate2, o.phase[2, j], t)
+    square1 = rate1 * rate1
+    square2 = rate2 * rate2
+    x = fma(rx2, cosine2, fma(rx1, cosine1, x))
+    y = fma(ry2, sine2, fma(ry1, sine1, y))
+    vx = fma(-(rx2 * rate2), sine2, fma(-(rx1 * rate1), sine1, vx))
+    vy = fma(ry2 * rate2, cosine2, fma(ry1 * rate1, cosine1, vy))
+    ax = fma(-(rx2 * square2), cosine2, fma(-(rx1 * square1), cosine1, ax))
+    ay = fma(-(ry2 * square2), sine2, fma(-(ry1 * square1), sine1, ay))
+    cube0 = rate0 * rate0 * rate0
+    cube1 = rate1 * rate1 * rate1
+    cube2 = rate2 * rate2 * rate2
+    jx = o.radius_x[0, j] * cube0 * sine0 + rx1 * cube1 * sine1 + rx2 * cube2 * sine2
+    jy = -(o.radius_y[0, j] * cube0 * cosine0) + -(ry1 * cube1 * cosine1) + -(ry2 * cube2 * cosine2)
 
-    ``random``, ``lawn_mower`` and ``recorded`` say which kinds of path the scenario has, so that the rest is skipped.
-    """
-    for j in range(lanes):
-        t = s[j + TIME * STRIDE]
-        rate = s[j + SWING_RATE * STRIDE]
-        sine, cosine = sincos(fma(rate, t, s[j + SWING_PHASE * STRIDE]))
-        swing = s[j + SWING * STRIDE]
-        yaw = fma(swing, sine, fma(s[j + HEADING_RATE * STRIDE], t, s[j + HEADING * STRIDE]))
-        s[j + SHIP_YAW * STRIDE] = yaw
-        s[j + SHIP_YAW_RATE * STRIDE] = fma(swing * rate, cosine, s[j + HEADING_RATE * STRIDE])
-        s[j + SHIP_YAW_ACCELERATION * STRIDE] = -(swing * rate * rate * sine)
-        vx = s[j + PATH_VX * STRIDE]
-        vy = s[j + PATH_VY * STRIDE]
-        x = fma(vx, t, s[j + PATH_X * STRIDE])
-        y = fma(vy, t, s[j + PATH_Y * STRIDE])
-        _add_first(s, j, x, y, vx, vy, 0.0, 0.0)
-    if random:
-        _add_others(s, lanes)
-        _head_along_course(s, lanes)
-    if lawn_mower:
-        _move_along_legs(s, lanes)
-    if recorded:
-        for j in range(lanes):
-            if s[j + PATH_KIND * STRIDE] == RECORDED_CODE:
-                _move_along_record(s, j, s[j + PATH_X * STRIDE], s[j + PATH_Y * STRIDE], table)
-    for j in range(lanes):
-        sine, cosine = sincos(s[j + SHIP_YAW * STRIDE])
-        s[j + SHIP_SIN * STRIDE] = sine
-        s[j + SHIP_COS * STRIDE] = cosine
-
-
-@inlined
-def _move_along_legs(s, lanes) -> None:
-    """Move the lanes on lawn-mower paths."""
-    for j in range(lanes):
-        mine = s[j + PATH_KIND * STRIDE] == LAWN_MOWER_CODE
-        course = s[j + LEGS_COURSE * STRIDE]
-        leg = s[j + LEGS_LENGTH * STRIDE]
-        spacing = s[j + LEGS_SPACING * STRIDE]
-        speed = s[j + LEGS_SPEED * STRIDE]
-        side = s[j + LEGS_SIDE * STRIDE]
-        x0 = s[j + SHIP_X * STRIDE]
-        y0 = s[j + SHIP_Y * STRIDE]
-        radius = 0.5 * spacing
-        whole = leg + math.pi * radius
-        travelled = speed * s[j + TIME * STRIDE]
-        count = np.floor(travelled / whole)
-        rest = travelled - count * whole
-        # Odd legs come back, and their turns go to the other side.
-        back = count - 2.0 * np.floor(0.5 * count)
-        sense = side * (1.0 - 2.0 * back)
-        turning = rest > leg
-        angle = max(rest - leg, 0.0) / radius
-        turn_sin, turn_cos = sincos(angle)
-        along = min(rest, leg) + radius * turn_sin
-        along = back * leg + (1.0 - 2.0 * back) * along
-        across = side * (spacing * count + radius * (1.0 - turn_cos))
-        sine, cosine = sincos(course)
-        yaw = course + sense * angle + math.pi * side * back
-        rate = sense * speed / radius if turning else 0.0
-        yaw_sin, yaw_cos = sincos(yaw)
-        vx = speed * yaw_cos
-        vy = speed * yaw_sin
-        x = x0 + along * cosine - across * sine
-        y = y0 + along * sine + across * cosine
-        s[j + SHIP_X * STRIDE] = _pick(mine, x, x0)
-        s[j + SHIP_Y * STRIDE] = _pick(mine, y, y0)
-        s[j + SHIP_YAW * STRIDE] = _pick(mine, yaw, s[j + SHIP_YAW * STRIDE])
-        s[j + SHIP_VX * STRIDE] = _pick(mine, vx, s[j + SHIP_VX * STRIDE])
-        s[j + SHIP_VY * STRIDE] = _pick(mine, vy, s[j + SHIP_VY * STRIDE])
-        s[j + SHIP_YAW_RATE * STRIDE] = _pick(mine, rate, s[j + SHIP_YAW_RATE * STRIDE])
-        s[j + SHIP_AX * STRIDE] = _pick(mine, -(rate * vy), s[j + SHIP_AX * STRIDE])
-        s[j + SHIP_AY * STRIDE] = _pick(mine, rate * vx, s[j + SHIP_AY * STRIDE])
+    speed2 = fma(vx, vx, vy * vy)
+    inverse = 1.0 / speed2 if speed2 > 0.0 else 0.0
+    rate = inverse * fma(vx, ay, -(vy * ax))
+    bend = fma(vx, jy, -(vy * jx))
+    acceleration = inverse * fma(-2.0 * rate, fma(vx, ax, vy * ay), bend)
+    mine = b.drawn.ship.kind[j] == RANDOM
+    s.x[j], s.y[j], s.vx[j], s.vy[j], s.ax[j], s.ay[j] = x, y, vx, vy, ax, ay
+    s.yaw[j] = _pick(mine, atan2(vy, vx), s.yaw[j])
+    s.yaw_rate[j] = _pick(mine, rate, s.yaw_rate[j])
+    s.yaw_acceleration[j] = _pick(mine, acceleration, s.yaw_acceleration[j])
 
 
 @inlined
@@ -513,81 +418,101 @@ def _pick(first: bool, a: float, b: float) -> float:
 
 
 @inlined
-def _move_along_record(s, j, first, segments, table) -> None:
-    t = s[j + TIME * STRIDE]
-    low = int(first)
-    high = int(first + segments)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table[middle, 0] <= t:
-            low = middle
-        else:
-            high = middle
-    dt = t - table[low, 0]
-    for channel in range(3):
-        c3 = table[low, 1 + 4 * channel]
-        c2 = table[low, 2 + 4 * channel]
-        c1 = table[low, 3 + 4 * channel]
-        c0 = table[low, 4 + 4 * channel]
-        value = fma(fma(fma(c3, dt, c2), dt, c1), dt, c0)
-        rate = fma(fma(3.0 * c3, dt, 2.0 * c2), dt, c1)
-        acceleration = fma(6.0 * c3, dt, 2.0 * c2)
-        if channel == 0:
-            s[j + SHIP_X * STRIDE] = value
-            s[j + SHIP_VX * STRIDE] = rate
-            s[j + SHIP_AX * STRIDE] = acceleration
-        elif channel == 1:
-            s[j + SHIP_Y * STRIDE] = value
-            s[j + SHIP_VY * STRIDE] = rate
-            s[j + SHIP_AY * STRIDE] = acceleration
-        else:
-            s[j + SHIP_YAW * STRIDE] = value
-            s[j + SHIP_YAW_RATE * STRIDE] = rate
-            s[j + SHIP_YAW_ACCELERATION * STRIDE] = acceleration
+def follow_legs(b, j) -> None:
+    """The motion of lanes on lawn-mower paths."""
+    p, s = b.drawn.ship, b.ship
+    mine = p.kind[j] == LAWN_MOWER
+    course = p.course_rad[j]
+    leg = p.leg_length_m[j]
+    spacing = p.spacing_m[j]
+    speed = p.speed_mps[j]
+    side = _side(p.turn[j])
+    x0 = s.x[j]
+    y0 = s.y[j]
+    radius = 0.5 * spacing
+    whole = leg + math.pi * radius
+    travelled = speed * b.clock.time_s[j]
+    count = floor(travelled / whole)
+    rest = travelled - count * whole
+    # Odd legs come back, and their turns go to the other side.
+    back = count - 2.0 * floor(0.5 * count)
+    sense = side * (1.0 - 2.0 * back)
+    turning = rest > leg
+    angle = max(rest - leg, 0.0) / radius
+    turn_sin, turn_cos = sincos(angle)
+    along = min(rest, leg) + radius * turn_sin
+    along = back * leg + (1.0 - 2.0 * back) * along
+    across = side * (spacing * count + radius * (1.0 - turn_cos))
+    sine, cosine = sincos(course)
+    yaw = course + sense * angle + math.pi * side * back
+    rate = sense * speed / radius if turning else 0.0
+    yaw_sin, yaw_cos = sincos(yaw)
+    vx = speed * yaw_cos
+    vy = speed * yaw_sin
+    s.x[j] = _pick(mine, x0 + along * cosine - across * sine, x0)
+    s.y[j] = _pick(mine, y0 + along * sine + across * cosine, y0)
+    s.yaw[j] = _pick(mine, yaw, s.yaw[j])
+    s.vx[j] = _pick(mine, vx, s.vx[j])
+    s.vy[j] = _pick(mine, vy, s.vy[j])
+    s.yaw_rate[j] = _pick(mine, rate, s.yaw_rate[j])
+    s.ax[j] = _pick(mine, -(rate * vy), s.ax[j])
+    s.ay[j] = _pick(mine, rate * vx, s.ay[j])
 
 
 @inlined
-def begin_path(s, j, code, first_parameter, key_0, key_1, episode) -> None:
-    """Start the path of lane ``j`` from the numbers in its parameter rows."""
-    p = j + first_parameter * STRIDE
-    p0, p1, p2, p3 = s[p], s[p + STRIDE], s[p + 2 * STRIDE], s[p + 3 * STRIDE]
-    p4, p5, p6 = s[p + 4 * STRIDE], s[p + 5 * STRIDE], s[p + 6 * STRIDE]
-    set_path(s, j, code, p0, p1, p2, p3, p4, p5, p6)
-    if code == RANDOM_CODE:
-        set_random_path(s, j, p0, p1, p2, p3, p4, p5, p6, key_0, key_1, episode)
+def _cubic(c, dt):
+    """Value and two derivatives of a cubic."""
+    value = fma(fma(fma(c[0], dt, c[1]), dt, c[2]), dt, c[3])
+    rate = fma(fma(3.0 * c[0], dt, 2.0 * c[1]), dt, c[2])
+    return value, rate, fma(6.0 * c[0], dt, 2.0 * c[1])
+
+
+@inlined
+def follow_record(b, j, segments) -> None:
+    """The motion of a lane on a recorded path."""
+    s = b.ship
+    t = b.clock.time_s[j]
+    low = int(b.drawn.ship.first_segment[j])
+    high = low + int(b.drawn.ship.segments[j])
+    while high - low > 1:
+        middle = (low + high) // 2
+        if segments[middle].start_s <= t:
+            low = middle
+        else:
+            high = middle
+    own = segments[low]
+    dt = t - own.start_s
+    s.x[j], s.vx[j], s.ax[j] = _cubic(own.x, dt)
+    s.y[j], s.vy[j], s.ay[j] = _cubic(own.y, dt)
+    s.yaw[j], s.yaw_rate[j], s.yaw_acceleration[j] = _cubic(own.yaw, dt)
+
+
+@inlined
+def turn_to_heading(b, j) -> None:
+    """Write cosine and sine of the ship's yaw."""
+    b.ship.sin[j], b.ship.cos[j] = sincos(b.ship.yaw[j])
+
+
+_ALONE = block_type({"clock": ending.CLOCK, "random": rng.STATE, "drawn": {"ship": DRAWN}, "path": PATH, "ship": STATE})
+"""A block in which there is nothing but the ship."""
 
 
 @compiled
-def _trace(code, values, table, key_0, key_1, times, out):
-    state = np.zeros((FIRST_PARAMETER + PATH_PARAMETERS) * STRIDE)
-    for i in range(PATH_PARAMETERS):
-        state[(FIRST_PARAMETER + i) * STRIDE] = values[i]
-    if code == RECORDED_CODE:
-        state[FIRST_PARAMETER * STRIDE] = 0.0
-        state[(FIRST_PARAMETER + 1) * STRIDE] = table.shape[0]
-    begin_path(state, 0, code, FIRST_PARAMETER, key_0, key_1, 0.0)
+def _trace(state, splines, times, out):
+    b = state.view(_ALONE)[0]
+    segments = splines.view(SEGMENT)
+    kind = b.drawn.ship.kind[0]
+    begin(b, 0, None)
     for i in range(times.size):
-        state[TIME * STRIDE] = times[i]
-        move_ship(state, 1, True, True, code == RECORDED_CODE, table)
-        out[i, 0] = state[SHIP_X * STRIDE]
-        out[i, 1] = state[SHIP_Y * STRIDE]
-        out[i, 2] = state[SHIP_YAW * STRIDE]
-        out[i, 3] = state[SHIP_VX * STRIDE]
-        out[i, 4] = state[SHIP_VY * STRIDE]
-        out[i, 5] = state[SHIP_YAW_RATE * STRIDE]
-        out[i, 6] = state[SHIP_AX * STRIDE]
-        out[i, 7] = state[SHIP_AY * STRIDE]
-        out[i, 8] = state[SHIP_YAW_ACCELERATION * STRIDE]
-
-
-def kinds_of(paths: tuple[ShipPath, ...]) -> tuple[bool, bool, bool]:
-    """Whether there are random, lawn-mower and recorded paths among these, which `move_ship` wants to know."""
-    codes = {path.code for path in paths}
-    return RANDOM_CODE in codes, LAWN_MOWER_CODE in codes, RECORDED_CODE in codes
-
-
-def path_numbers_with_table(path: ShipPath, first_segment: int) -> list[Any]:
-    """The path's numbers for compiled code; a recorded path gets its place in the shared spline table."""
-    if isinstance(path, RecordedPath):
-        return [float(first_segment), float(path.table().shape[0])]
-    return path.path_numbers()
+        b.clock.time_s[0] = times[i]
+        sail(b, 0)
+        if kind == RANDOM:
+            wander(b, 0)
+        elif kind == LAWN_MOWER:
+            follow_legs(b, 0)
+        elif kind == RECORDED:
+            follow_record(b, 0, segments)
+        s = b.ship
+        out[i, 0], out[i, 1], out[i, 2] = s.x[0], s.y[0], s.yaw[0]
+        out[i, 3], out[i, 4], out[i, 5] = s.vx[0], s.vy[0], s.yaw_rate[0]
+        out[i, 6], out[i, 7], out[i, 8] = s.ax[0], s.ay[0], s.yaw_acceleration[0]

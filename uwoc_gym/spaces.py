@@ -15,27 +15,12 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled
 
+from uwoc_gym.action import SIZE as ACTION_SIZE
 from uwoc_gym.observation import ENTRIES
 from uwoc_gym.scenario import Scenario, as_scenario
+from uwoc_gym.sim.layout import INFO_NAMES
 
-ACTION_NAMES = ("surge force", "sway force", "yaw moment")
-ACTION_SIZE = len(ACTION_NAMES)
-INFO_NAMES = (
-    "bit_rate_bps",
-    "snr",
-    "ber",
-    "range_m",
-    "pointing_error_rad",
-    "in_cone",
-    "cost",
-    "reward_bit_rate",
-    "reward_in_cone",
-    "reward_position",
-    "reward_heading",
-    "reward_effort",
-    "is_success",
-)
-"""Keys of `info` at every step, in the order of the fleet's measures."""
+__all__ = ["ACTION_SIZE", "INFO_NAMES"]
 
 FRAME = (1280, 720)
 """Width and height of a rendered frame by default [px]."""

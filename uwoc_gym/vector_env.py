@@ -10,9 +10,9 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from uwoc_gym.block import MEASURES
-from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
 from uwoc_gym.observation import SIZE
+from uwoc_gym.sim.fleet import Autoreset, Fleet
+from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
 from uwoc_gym.spaces import (
     ACTION_SIZE,
     FRAME,
@@ -196,8 +196,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         if given.shape != (self.num_envs, ACTION_SIZE):
             raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {ACTION_SIZE}).")
         observations = np.empty((self.num_envs, SIZE), dtype=np.float32)
-        out = np.empty((MEASURES, self.num_envs))
-        flags = np.empty((4, self.num_envs), dtype=np.bool_)
+        out = np.empty((len(MEASURE_NAMES), self.num_envs))
+        flags = np.empty((len(FLAGS), self.num_envs), dtype=np.bool_)
         finals = np.empty_like(observations) if self._same_step else None
         ends = self._fleet.step(given, observations, out, flags, finals)
         terminated, truncated, in_cone, success = flags
@@ -231,8 +231,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """The true states by name, as in `TrackingEnv.state`, each with a first axis of length N."""
         return self._fleet.state()
 
-    def parameters(self) -> dict[str, Array]:
-        """What the present episodes have drawn for each number of the scenario, by its path, shape (N,)."""
+    def parameters(self) -> dict[str, npt.NDArray[Any]]:
+        """What the present episodes have drawn, by its path, as in `TrackingEnv.parameters`, each of shape (N,)."""
         return self._fleet.drawn()
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:

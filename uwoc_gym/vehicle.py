@@ -3,57 +3,46 @@
     M ν̇ + C(ν)ν + D(ν)ν = τ + τ_w,   η̇ = R(ϱ)ν        (paper, sec. 3.1)
 
 with η = (x, y, yaw) in the earth frame and ν = (surge, sway, yaw rate) in the body frame. The plant is the nominal
-model times `mass_scale` and `damping_scale`; controllers know the nominal model only.
+model times `mass_scale` and `damping_scale`; controllers know the nominal model only. In moving water the equation
+holds for the velocity relative to it (Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control", sec. 8.1).
 """
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.block import (
-    COS,
-    COUPLING_SURGE,
-    COUPLING_SWAY,
-    COUPLING_YAW,
-    EARTH_X,
-    EARTH_Y,
-    EXTRA_SURGE,
-    EXTRA_SWAY,
-    EXTRA_YAW,
-    INVERSE_SURGE,
-    INVERSE_SWAY,
-    INVERSE_YAW,
-    LINEAR_SURGE,
-    LINEAR_SWAY,
-    LINEAR_YAW,
-    PUSH_SURGE,
-    PUSH_SWAY,
-    PUSH_YAW,
-    QUADRATIC_SURGE,
-    QUADRATIC_SWAY,
-    QUADRATIC_YAW,
-    SIN,
-    STRIDE,
-    SURGE,
-    SWAY,
-    YAW,
-    YAW_RATE,
-    X,
-    Y,
-)
-from uwoc_gym.compiled import inlined
-from uwoc_gym.elementary import fma, small_sincos
+from uwoc_gym.compiled import inlined, over_arrays
+from uwoc_gym.elementary import fma, sincos, small_sincos
 from uwoc_gym.parameters import Number, Parameters, flag, number
+from uwoc_gym.records import rows
 
 Array = npt.NDArray[np.float64]
 
 MASSES = "paper, table 3 (includes added mass)"
 DAMPING = "paper, table 3"
 LIMITS = "project default: the paper's controllers never reach it"
+
+STATE = rows(
+    "x", "y", "yaw", "cos", "sin", "surge", "sway", "yaw_rate",
+    # The actuators' force in the last control period, and what it and the plant make of the equation of motion.
+    "force_surge", "force_sway", "moment_yaw",
+    "push_surge", "push_sway", "push_yaw",
+    "linear_surge", "linear_sway", "linear_yaw",
+    "quadratic_surge", "quadratic_sway", "quadratic_yaw",
+    "coupling_surge", "coupling_sway", "coupling_yaw",
+    "inverse_surge", "inverse_sway", "inverse_yaw",
+)  # fmt: skip
+
+WATER = rows("x", "y")
+"""Velocity of the water where the AUV is, in the earth frame [m/s]: what an effect's `flow` adds to."""
+
+WRENCH = rows("surge", "sway", "yaw", "x", "y")
+"""Force and moment in the body frame [N, N, N m], and force fixed in the earth frame [N]: what a `push` adds to."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,145 +114,250 @@ class Vehicle(Parameters):
 
     def acceleration(self, velocity: npt.ArrayLike, force: npt.ArrayLike) -> Array:
         """True body acceleration ν̇ [m/s², m/s², rad/s²] under a body force [N, N, N m], shape (..., 3)."""
-        nu = np.asarray(velocity, dtype=float)
-        resistance = self.coriolis_force(nu, nu) + self.damping(nu) * nu
-        result: Array = (np.asarray(force, dtype=float) - resistance) / self.inertia
-        return result
+        nu, tau = np.broadcast_arrays(np.asarray(velocity, dtype=float), np.asarray(force, dtype=float))
+        dynamics = _equation(**{name: self.value(name) for name in _PLANT}, coriolis=float(self.coriolis))
+        others = ((1, 2), (0, 2), (0, 1))
+        axes = [
+            _axis_acceleration(
+                tau[..., i] * dynamics.inverse[i],
+                dynamics.linear[i],
+                dynamics.quadratic[i],
+                dynamics.coupling[i],
+                nu[..., i],
+                nu[..., j] * nu[..., k],
+            )
+            for i, (j, k) in enumerate(others)
+        ]
+        return np.stack(axes, axis=-1)
+
+
+class _Dynamics(NamedTuple):
+    """An equation of motion divided by its masses, each for surge, sway and yaw."""
+
+    inverse: tuple[float, float, float]
+    linear: tuple[float, float, float]
+    quadratic: tuple[float, float, float]
+    coupling: tuple[float, float, float]
+
+
+def _equation(
+    mass_surge_kg, mass_sway_kg, inertia_yaw_kg_m2,
+    linear_damping_surge, linear_damping_sway, linear_damping_yaw,
+    quadratic_damping_surge, quadratic_damping_sway, quadratic_damping_yaw,
+    mass_scale, damping_scale, coriolis,
+):  # fmt: skip
+    """The equation of motion of the true plant from the numbers of `Vehicle`."""
+    m11 = mass_surge_kg * mass_scale
+    m22 = mass_sway_kg * mass_scale
+    m33 = inertia_yaw_kg_m2 * mass_scale
+    return _Dynamics(
+        (1.0 / m11, 1.0 / m22, 1.0 / m33),
+        (
+            damping_scale * linear_damping_surge / m11,
+            damping_scale * linear_damping_sway / m22,
+            damping_scale * linear_damping_yaw / m33,
+        ),
+        (
+            damping_scale * quadratic_damping_surge / m11,
+            damping_scale * quadratic_damping_sway / m22,
+            damping_scale * quadratic_damping_yaw / m33,
+        ),
+        (coriolis * m22 / m11, -coriolis * m11 / m22, coriolis * (m11 - m22) / m33),
+    )
+
+
+_PLANT = tuple(name for name in inspect.signature(_equation).parameters if name != "coriolis")
+_compiled_equation = inlined(_equation)
 
 
 @inlined
-def set_dynamics(s, j, m11, m22, m33, d1, d2, d3, q1, q2, q3, mass_scale, damping_scale, coriolis) -> None:
-    """Write one lane's equation of motion, divided by its masses, into the block's rows."""
-    m11 = m11 * mass_scale
-    m22 = m22 * mass_scale
-    m33 = m33 * mass_scale
-    s[j + INVERSE_SURGE * STRIDE] = 1.0 / m11
-    s[j + INVERSE_SWAY * STRIDE] = 1.0 / m22
-    s[j + INVERSE_YAW * STRIDE] = 1.0 / m33
-    s[j + LINEAR_SURGE * STRIDE] = damping_scale * d1 / m11
-    s[j + LINEAR_SWAY * STRIDE] = damping_scale * d2 / m22
-    s[j + LINEAR_YAW * STRIDE] = damping_scale * d3 / m33
-    s[j + QUADRATIC_SURGE * STRIDE] = damping_scale * q1 / m11
-    s[j + QUADRATIC_SWAY * STRIDE] = damping_scale * q2 / m22
-    s[j + QUADRATIC_YAW * STRIDE] = damping_scale * q3 / m33
-    s[j + COUPLING_SURGE * STRIDE] = coriolis * m22 / m11
-    s[j + COUPLING_SWAY * STRIDE] = -coriolis * m11 / m22
-    s[j + COUPLING_YAW * STRIDE] = coriolis * (m11 - m22) / m33
-
-
-@inlined
-def _acceleration(push, linear, quadratic, coupling, velocity, product):
+def axis_acceleration(push, linear, quadratic, coupling, velocity, product):
     """One axis of M⁻¹(τ − C(ν)ν − D(ν)ν); ``product`` is that of the other two velocities."""
     damping = fma(quadratic, abs(velocity), linear)
     return fma(coupling, product, fma(-damping, velocity, push))
 
 
-def _make_integrator(earth_force: bool) -> Any:
-    """RK4 over ``count`` steps of ``h`` seconds for the first ``lanes`` lanes of the block ``s``.
+_axis_acceleration = over_arrays(axis_acceleration)
+
+
+@inlined
+def begin(b, j, world) -> None:
+    """Write the equation of motion of the plant that the lane has drawn."""
+    p = b.drawn.vehicle
+    dynamics = _compiled_equation(
+        p.mass_surge_kg[j], p.mass_sway_kg[j], p.inertia_yaw_kg_m2[j],
+        p.linear_damping_surge[j], p.linear_damping_sway[j], p.linear_damping_yaw[j],
+        p.quadratic_damping_surge[j], p.quadratic_damping_sway[j], p.quadratic_damping_yaw[j],
+        p.mass_scale[j], p.damping_scale[j], world.vehicle.coriolis,
+    )  # fmt: skip
+    a = b.auv
+    a.inverse_surge[j], a.inverse_sway[j], a.inverse_yaw[j] = dynamics.inverse
+    a.linear_surge[j], a.linear_sway[j], a.linear_yaw[j] = dynamics.linear
+    a.quadratic_surge[j], a.quadratic_sway[j], a.quadratic_yaw[j] = dynamics.quadratic
+    a.coupling_surge[j], a.coupling_sway[j], a.coupling_yaw[j] = dynamics.coupling
+    a.force_surge[j] = 0.0
+    a.force_sway[j] = 0.0
+    a.moment_yaw[j] = 0.0
+
+
+@inlined
+def turn_to_heading(b, j) -> None:
+    """Write cosine and sine of yaw."""
+    b.auv.sin[j], b.auv.cos[j] = sincos(b.auv.yaw[j])
+
+
+@inlined
+def actuate(b, j, world) -> None:
+    """Turn the lane's action into the force that acts throughout the control period."""
+    a = b.auv
+    a.force_surge[j] = b.action.surge[j] * world.vehicle.max_surge_force_n
+    a.force_sway[j] = b.action.sway[j] * world.vehicle.max_sway_force_n
+    a.moment_yaw[j] = b.action.yaw[j] * world.vehicle.max_yaw_moment_nm
+    a.push_surge[j] = a.force_surge[j] * a.inverse_surge[j]
+    a.push_sway[j] = a.force_sway[j] * a.inverse_sway[j]
+    a.push_yaw[j] = a.moment_yaw[j] * a.inverse_yaw[j]
+
+
+@inlined
+def calm(b, j) -> None:
+    """Still water, to which flows are added."""
+    b.water.x[j] = 0.0
+    b.water.y[j] = 0.0
+
+
+@inlined
+def release(b, j) -> None:
+    """No force besides the actuators', to which pushes are added."""
+    b.wrench.surge[j] = 0.0
+    b.wrench.sway[j] = 0.0
+    b.wrench.yaw[j] = 0.0
+    b.wrench.x[j] = 0.0
+    b.wrench.y[j] = 0.0
+
+
+@inlined
+def change_to_water(b, j, sense) -> None:
+    """Add ``sense`` times the water's velocity, seen from the body, to surge and sway."""
+    cx = sense * b.water.x[j]
+    cy = sense * b.water.y[j]
+    cosine = b.auv.cos[j]
+    sine = b.auv.sin[j]
+    b.auv.surge[j] += fma(cosine, cx, sine * cy)
+    b.auv.sway[j] += fma(cosine, cy, -(sine * cx))
+
+
+@inlined
+def carry(b, j, duration_s) -> None:
+    """Carry the lane along with the water."""
+    b.auv.x[j] = fma(duration_s, b.water.x[j], b.auv.x[j])
+    b.auv.y[j] = fma(duration_s, b.water.y[j], b.auv.y[j])
+
+
+def _make_integrator(pushed: bool) -> Any:
+    """An RK4 step of ``h`` seconds for lane ``j``, with or without what stands in ``b.wrench``.
 
     The state is (x, y, cos yaw, sin yaw, surge, sway, yaw rate), seen within a step from the heading at its start; at
     the step's end the heading is turned exactly. That spares the stages' sines and cosines and is of order four all
-    the same. A force fixed in the earth frame is turned with the body at every stage; where none acts, that is
+    the same. A force fixed in the earth frame is turned with the body at every stage; where nothing pushes, that is
     compiled out, and adding zeros would give the same bits.
     """
 
     @inlined
-    def integrate(s, lanes, h, count) -> None:
+    def integrate(b, j, h) -> None:
         half = 0.5 * h
         sixth = h / 6.0
-        for _ in range(count):
-            for j in range(lanes):
-                u = s[j + SURGE * STRIDE]
-                v = s[j + SWAY * STRIDE]
-                r = s[j + YAW_RATE * STRIDE]
-                cos = s[j + COS * STRIDE]
-                sin = s[j + SIN * STRIDE]
-                du = s[j + LINEAR_SURGE * STRIDE]
-                dv = s[j + LINEAR_SWAY * STRIDE]
-                dr = s[j + LINEAR_YAW * STRIDE]
-                qu = s[j + QUADRATIC_SURGE * STRIDE]
-                qv = s[j + QUADRATIC_SWAY * STRIDE]
-                qr = s[j + QUADRATIC_YAW * STRIDE]
-                ku = s[j + COUPLING_SURGE * STRIDE]
-                kv = s[j + COUPLING_SWAY * STRIDE]
-                kr = s[j + COUPLING_YAW * STRIDE]
-                fu1 = s[j + PUSH_SURGE * STRIDE]
-                fv1 = s[j + PUSH_SWAY * STRIDE]
-                fr = s[j + PUSH_YAW * STRIDE]
-                fu2 = fu3 = fu4 = fu1
-                fv2 = fv3 = fv4 = fv1
-                if earth_force:
-                    iu = s[j + INVERSE_SURGE * STRIDE]
-                    iv = s[j + INVERSE_SWAY * STRIDE]
-                    ex = s[j + EARTH_X * STRIDE]
-                    ey = s[j + EARTH_Y * STRIDE]
-                    ahead = fma(cos, ex, sin * ey)
-                    aside = fma(cos, ey, -(sin * ex))
-                    fu0 = fu1 + s[j + EXTRA_SURGE * STRIDE]
-                    fv0 = fv1 + s[j + EXTRA_SWAY * STRIDE]
-                    fr = fr + s[j + EXTRA_YAW * STRIDE]
-                    fu1 = fma(iu, ahead, fu0)
-                    fv1 = fma(iv, aside, fv0)
+        a = b.auv
+        u = a.surge[j]
+        v = a.sway[j]
+        r = a.yaw_rate[j]
+        cos = a.cos[j]
+        sin = a.sin[j]
+        du = a.linear_surge[j]
+        dv = a.linear_sway[j]
+        dr = a.linear_yaw[j]
+        qu = a.quadratic_surge[j]
+        qv = a.quadratic_sway[j]
+        qr = a.quadratic_yaw[j]
+        ku = a.coupling_surge[j]
+        kv = a.coupling_sway[j]
+        kr = a.coupling_yaw[j]
+        fu1 = a.push_surge[j]
+        fv1 = a.push_sway[j]
+        fr = a.push_yaw[j]
+        fu2 = fu3 = fu4 = fu1
+        fv2 = fv3 = fv4 = fv1
+        if pushed:
+            iu = a.inverse_surge[j]
+            iv = a.inverse_sway[j]
+            ex = b.wrench.x[j]
+            ey = b.wrench.y[j]
+            ahead = fma(cos, ex, sin * ey)
+            aside = fma(cos, ey, -(sin * ex))
+            fu0 = fu1 + b.wrench.surge[j] * iu
+            fv0 = fv1 + b.wrench.sway[j] * iv
+            fr = fr + b.wrench.yaw[j] * a.inverse_yaw[j]
+            fu1 = fma(iu, ahead, fu0)
+            fv1 = fma(iv, aside, fv0)
 
-                au1 = _acceleration(fu1, du, qu, ku, u, v * r)
-                av1 = _acceleration(fv1, dv, qv, kv, v, u * r)
-                ar1 = _acceleration(fr, dr, qr, kr, r, u * v)
+        au1 = axis_acceleration(fu1, du, qu, ku, u, v * r)
+        av1 = axis_acceleration(fv1, dv, qv, kv, v, u * r)
+        ar1 = axis_acceleration(fr, dr, qr, kr, r, u * v)
 
-                u2 = fma(half, au1, u)
-                v2 = fma(half, av1, v)
-                r2 = fma(half, ar1, r)
-                s2 = half * r
-                c2 = 1.0
-                if earth_force:
-                    fu2 = fma(iu, fma(c2, ahead, s2 * aside), fu0)
-                    fv2 = fma(iv, fma(c2, aside, -(s2 * ahead)), fv0)
-                au2 = _acceleration(fu2, du, qu, ku, u2, v2 * r2)
-                av2 = _acceleration(fv2, dv, qv, kv, v2, u2 * r2)
-                ar2 = _acceleration(fr, dr, qr, kr, r2, u2 * v2)
+        u2 = fma(half, au1, u)
+        v2 = fma(half, av1, v)
+        r2 = fma(half, ar1, r)
+        s2 = half * r
+        c2 = 1.0
+        if pushed:
+            fu2 = fma(iu, fma(c2, ahead, s2 * aside), fu0)
+            fv2 = fma(iv, fma(c2, aside, -(s2 * ahead)), fv0)
+        au2 = axis_acceleration(fu2, du, qu, ku, u2, v2 * r2)
+        av2 = axis_acceleration(fv2, dv, qv, kv, v2, u2 * r2)
+        ar2 = axis_acceleration(fr, dr, qr, kr, r2, u2 * v2)
 
-                u3 = fma(half, au2, u)
-                v3 = fma(half, av2, v)
-                r3 = fma(half, ar2, r)
-                s3 = half * r2
-                c3 = fma(-s2, s3, 1.0)
-                if earth_force:
-                    fu3 = fma(iu, fma(c3, ahead, s3 * aside), fu0)
-                    fv3 = fma(iv, fma(c3, aside, -(s3 * ahead)), fv0)
-                au3 = _acceleration(fu3, du, qu, ku, u3, v3 * r3)
-                av3 = _acceleration(fv3, dv, qv, kv, v3, u3 * r3)
-                ar3 = _acceleration(fr, dr, qr, kr, r3, u3 * v3)
+        u3 = fma(half, au2, u)
+        v3 = fma(half, av2, v)
+        r3 = fma(half, ar2, r)
+        s3 = half * r2
+        c3 = fma(-s2, s3, 1.0)
+        if pushed:
+            fu3 = fma(iu, fma(c3, ahead, s3 * aside), fu0)
+            fv3 = fma(iv, fma(c3, aside, -(s3 * ahead)), fv0)
+        au3 = axis_acceleration(fu3, du, qu, ku, u3, v3 * r3)
+        av3 = axis_acceleration(fv3, dv, qv, kv, v3, u3 * r3)
+        ar3 = axis_acceleration(fr, dr, qr, kr, r3, u3 * v3)
 
-                u4 = fma(h, au3, u)
-                v4 = fma(h, av3, v)
-                r4 = fma(h, ar3, r)
-                s4 = h * r3 * c3
-                c4 = fma(-(h * r3), s3, 1.0)
-                if earth_force:
-                    fu4 = fma(iu, fma(c4, ahead, s4 * aside), fu0)
-                    fv4 = fma(iv, fma(c4, aside, -(s4 * ahead)), fv0)
-                au4 = _acceleration(fu4, du, qu, ku, u4, v4 * r4)
-                av4 = _acceleration(fv4, dv, qv, kv, v4, u4 * r4)
-                ar4 = _acceleration(fr, dr, qr, kr, r4, u4 * v4)
+        u4 = fma(h, au3, u)
+        v4 = fma(h, av3, v)
+        r4 = fma(h, ar3, r)
+        s4 = h * r3 * c3
+        c4 = fma(-(h * r3), s3, 1.0)
+        if pushed:
+            fu4 = fma(iu, fma(c4, ahead, s4 * aside), fu0)
+            fv4 = fma(iv, fma(c4, aside, -(s4 * ahead)), fv0)
+        au4 = axis_acceleration(fu4, du, qu, ku, u4, v4 * r4)
+        av4 = axis_acceleration(fv4, dv, qv, kv, v4, u4 * r4)
+        ar4 = axis_acceleration(fr, dr, qr, kr, r4, u4 * v4)
 
-                ahead_2 = fma(c2, u2, -(s2 * v2)) + fma(c3, u3, -(s3 * v3))
-                aside_2 = fma(s2, u2, c2 * v2) + fma(s3, u3, c3 * v3)
-                moved_ahead = sixth * fma(2.0, ahead_2, u + fma(c4, u4, -(s4 * v4)))
-                moved_aside = sixth * fma(2.0, aside_2, v + fma(s4, u4, c4 * v4))
-                s[j + X * STRIDE] += fma(cos, moved_ahead, -(sin * moved_aside))
-                s[j + Y * STRIDE] += fma(sin, moved_ahead, cos * moved_aside)
+        ahead_2 = fma(c2, u2, -(s2 * v2)) + fma(c3, u3, -(s3 * v3))
+        aside_2 = fma(s2, u2, c2 * v2) + fma(s3, u3, c3 * v3)
+        moved_ahead = sixth * fma(2.0, ahead_2, u + fma(c4, u4, -(s4 * v4)))
+        moved_aside = sixth * fma(2.0, aside_2, v + fma(s4, u4, c4 * v4))
+        a.x[j] += fma(cos, moved_ahead, -(sin * moved_aside))
+        a.y[j] += fma(sin, moved_ahead, cos * moved_aside)
 
-                turned = sixth * fma(2.0, r2 + r3, r + r4)
-                st, ct = small_sincos(turned)
-                s[j + YAW * STRIDE] += turned
-                s[j + COS * STRIDE] = fma(cos, ct, -(sin * st))
-                s[j + SIN * STRIDE] = fma(sin, ct, cos * st)
+        turned = sixth * fma(2.0, r2 + r3, r + r4)
+        st, ct = small_sincos(turned)
+        a.yaw[j] += turned
+        a.cos[j] = fma(cos, ct, -(sin * st))
+        a.sin[j] = fma(sin, ct, cos * st)
 
-                s[j + SURGE * STRIDE] = fma(sixth, fma(2.0, au2 + au3, au1 + au4), u)
-                s[j + SWAY * STRIDE] = fma(sixth, fma(2.0, av2 + av3, av1 + av4), v)
-                s[j + YAW_RATE * STRIDE] = fma(sixth, fma(2.0, ar2 + ar3, ar1 + ar4), r)
+        a.surge[j] = fma(sixth, fma(2.0, au2 + au3, au1 + au4), u)
+        a.sway[j] = fma(sixth, fma(2.0, av2 + av3, av1 + av4), v)
+        a.yaw_rate[j] = fma(sixth, fma(2.0, ar2 + ar3, ar1 + ar4), r)
 
     return integrate
 
 
 integrate_in_calm = _make_integrator(False)
-integrate_with_pulses = _make_integrator(True)
+integrate_pushed = _make_integrator(True)

@@ -12,8 +12,9 @@ import pytest
 from uwoc_gym import Scenario, SettingError
 from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
 from uwoc_gym.baselines.controller import gain
-from uwoc_gym.fleet import MEASURES, Fleet
 from uwoc_gym.observation import SIZE, scales
+from uwoc_gym.sim.fleet import Fleet
+from uwoc_gym.sim.layout import OUT_ROWS
 
 PAPER_CLOCK = {"episode": {"control_period_s": 0.005, "integration_step_s": 0.005}}
 SKEWED = Gains(
@@ -247,7 +248,7 @@ def fly(controller: Controller, scenario: Scenario) -> tuple[float, np.ndarray, 
     n = 1
     fleet = Fleet(scenario, n)
     fleet.seed(np.arange(n), [0])
-    obs, out = np.empty((n, SIZE), np.float32), np.empty((MEASURES, n))
+    obs, out = np.empty((n, SIZE), np.float32), np.empty((OUT_ROWS, n))
     flags = np.empty((4, n), np.bool_)
     fleet.reset(obs)
     errors, largest = [], 0.0

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
+from uwoc_gym.sim.fleet import Autoreset, Fleet
+from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
 
 
 @dataclass
@@ -53,7 +54,7 @@ def fly():
             fleet,
             observations=np.zeros((size, 20), np.float32),
             out=np.zeros((len(MEASURE_NAMES), size)),
-            flags=np.zeros((4, size), bool),
+            flags=np.zeros((len(FLAGS), size), bool),
             finals=np.zeros((size, 20), np.float32),
         )
         fleet.reset(flight.observations, pose=pose, velocity=velocity)

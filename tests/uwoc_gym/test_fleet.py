@@ -18,7 +18,8 @@ from uwoc_gym import (
     StraightPath,
     Vehicle,
 )
-from uwoc_gym.fleet import MEASURE_NAMES, Autoreset, Fleet
+from uwoc_gym.sim.fleet import Autoreset, Fleet
+from uwoc_gym.sim.layout import MEASURE_NAMES
 
 RANDOM = Scenario.named("Random")
 LANES = 1024
@@ -120,35 +121,43 @@ def test_reset_of_some_lanes_leaves_the_others(fly):
 
 
 def numbers_by_path(scenario):
-    yield from ((f"link.{name}", value) for name, value in scenario.link.numbers())
-    yield from ((f"vehicle.{name}", value) for name, value in scenario.vehicle.numbers())
-    yield from ((f"current.{name}", value) for name, value in scenario.sea.current.numbers())
-    yield from ((f"sensors.{name}", value) for name, value in scenario.sensors.numbers())
-    yield from ((f"start.{name}", value) for name, value in scenario.start.numbers())
-    for i, pulse in enumerate(scenario.sea.pulses):
-        yield from ((f"sea.pulses[{i}].{name}", value) for name, value in pulse.numbers())
+    """Each number of the scenario, with the alternative of the ship's path to which it belongs."""
+    children = {"link": scenario.link, "vehicle": scenario.vehicle, "sea.current": scenario.sea.current}
+    children |= {"sensors": scenario.sensors, "start": scenario.start}
+    children |= {f"sea.pulses[{i}]": pulse for i, pulse in enumerate(scenario.sea.pulses)}
+    for prefix, child in children.items():
+        yield from ((f"{prefix}.{name}", value, None) for name, value in child.numbers())
+    for i, path in enumerate(scenario.ship_paths):
+        yield from ((f"ship[{i}].{name}", value, i) for name, value in path.numbers())
 
 
 def test_draws_lie_in_their_ranges(fly):
-    drawn = fly(RANDOM, 2000).fleet.drawn()
-    numbers = dict(numbers_by_path(RANDOM))
-    assert set(drawn) == set(numbers) | {"depth_m"}
+    drawn = fly(RANDOM, 6000).fleet.drawn()
+    numbers = list(numbers_by_path(RANDOM))
+    choices = {"link.background", "sea.pulses[0].frame", "sea.pulses[1].frame", *(f"ship[{i}].turn" for i in (2, 3, 5))}
+    assert set(drawn) == {name for name, _, _ in numbers} | {"depth_m", "ship"} | choices
+    assert set(np.unique(drawn["ship"])) == set(range(6))
     ranges = 0
-    for name, value in numbers.items():
+    for name, value, alternative in numbers:
+        mine = np.ones(6000, bool) if alternative is None else drawn["ship"] == alternative
+        assert np.isnan(drawn[name][~mine]).all()
+        own = drawn[name][mine]
         if isinstance(value, Range):
             ranges += 1
             width = value.high - value.low
-            assert value.low <= drawn[name].min() < value.low + 0.01 * width
-            assert value.high >= drawn[name].max() > value.high - 0.01 * width
-            assert drawn[name].mean() == pytest.approx(value.middle, abs=4.5 * width / 24_000**0.5)
+            assert value.low <= own.min() < value.low + 0.02 * width
+            assert value.high >= own.max() > value.high - 0.02 * width
+            assert own.mean() == pytest.approx(value.middle, abs=4.5 * width / (12 * own.size) ** 0.5)
         else:
-            assert (drawn[name] == value).all()
-    assert ranges > 20
+            assert (own == value).all()
+    assert ranges > 35
+    assert set(drawn["ship[2].turn"]) == {"starboard", ""}
+    assert (drawn["sea.pulses[1].frame"] == "earth").all()
 
 
 def test_draws_are_independent(fly):
     drawn = fly(RANDOM, 2000).fleet.drawn()
-    names = [name for name, value in numbers_by_path(RANDOM) if isinstance(value, Range)]
+    names = [name for name, value, only in numbers_by_path(RANDOM) if isinstance(value, Range) and only is None]
     correlation = np.corrcoef([drawn[name] for name in names]) - np.eye(len(names))
     assert np.abs(correlation).max() < 4.5 / 2000**0.5
 
@@ -590,3 +599,27 @@ def test_each_actuator_has_its_own_limit(fly, axis):
     expected[axis] = force / (100.0, 250.0, 80.0)[axis] * 0.05
     np.testing.assert_allclose(state["velocity"][0], expected, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(state["force"][0, axis], force, rtol=1e-12)
+
+
+def test_numbers_of_the_ship_can_be_chosen(fly):
+    fleet = fly(RANDOM, 4).fleet
+    seen = np.zeros((4, 20), np.float32)
+    chosen = {"ship": [1, 1, 2, 5], "ship[1].radius_m": [7.0, 8.0, 9.0, 9.0], "ship[2].speed_mps": 0.5}
+    fleet.reset(seen, parameters=chosen)
+    drawn, state = fleet.drawn(), fleet.state()
+    np.testing.assert_array_equal(drawn["ship"], chosen["ship"])
+    np.testing.assert_array_equal(drawn["ship[1].radius_m"], [7.0, 8.0, np.nan, np.nan])
+    np.testing.assert_allclose(np.hypot(*state["ship_pose"][:2, :2].T), [7.0, 8.0], rtol=1e-12)
+    assert np.hypot(*state["ship_velocity"][2, :2]) == pytest.approx(0.5, rel=1e-12)
+    other = fly(Scenario(ship=PaperPath(radius_m=(6.0, 12.0))), 1).fleet
+    other.reset(seen[:1], parameters={"ship.radius_m": 6.5})
+    assert np.hypot(*other.state()["ship_pose"][0, :2]) == pytest.approx(6.5, rel=1e-12)
+    for name, value, message in (
+        ("ship", 6, "a whole one from 0 to 5"),
+        ("ship", 0.5, "a whole one from 0 to 5"),
+        ("ship[1].radius_m", 20.0, r"\[6, 12\]"),
+        ("ship[2].turn", "port", r"'starboard'"),
+        ("current.speed_mps", 0.1, "did you mean 'sea.current.speed_mps'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            fleet.reset(seen, parameters={name: value})

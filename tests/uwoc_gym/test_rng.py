@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from uwoc_gym import rng
+from uwoc_gym import SCENARIOS, Vehicle, current, rng, sensors, ship
+from uwoc_gym.parameters import number
+from uwoc_gym.records import block_type
+from uwoc_gym.sim.layout import drawn_numbers, numbers_of
 
 KEY = (123456789.0, 4000000000.0)
 COUNT = 40_000
@@ -16,14 +19,23 @@ def words(key0, key1, c0, c1, c2, c3):
     return rng.philox(np.uint64(key0), np.uint64(key1), np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3))
 
 
+BLOCK = block_type({"random": rng.STATE})
+
+
 @numba.njit
-def draws(key0, key1, episode, stream, count, block):
+def draw_many(state, stream, count, index):
+    b = state.view(BLOCK)[0]
     out = np.empty((4, count))
     for step in range(count):
-        out[0, step], out[1, step], out[2, step], out[3, step] = rng.draw(
-            key0, key1, episode, stream, float(step), block
-        )
+        out[0, step], out[1, step], out[2, step], out[3, step] = rng.draw(b, 5, stream, float(step), index)
     return out
+
+
+def draws(key0, key1, episode, stream, count, index):
+    state = np.zeros(BLOCK.itemsize // 8)
+    random = state.view(BLOCK)[0]["random"]
+    random["key_0"][5], random["key_1"][5], random["episode"][5] = key0, key1, episode
+    return draw_many(state, float(stream), count, float(index))
 
 
 @numba.njit
@@ -118,8 +130,7 @@ def test_streams_are_independent(changed):
 
 
 def test_streams_have_their_own_numbers():
-    streams = {rng.STREAM_PARAMETERS, rng.STREAM_SHIP, rng.STREAM_CURRENT, rng.STREAM_SENSORS}
-    assert len(streams) == 4
+    assert [rng.STREAM, ship.STREAM, current.STREAM, sensors.STREAM] == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_key_from_seed():
@@ -129,3 +140,34 @@ def test_key_from_seed():
     for word in np.ravel(keys):
         assert word == int(word)
         assert 0 <= word < 2**32
+
+
+def test_no_two_numbers_share_a_draw():
+    for scenario in SCENARIOS.values():
+        numbers = [each for each in drawn_numbers(scenario) if each.path]
+        own = [each.counter for each in numbers if each.only < 0]
+        assert len(set(own)) == len(own)
+        for alternative in range(len(scenario.ship_paths)):
+            with_path = own + [each.counter for each in numbers if each.only == alternative]
+            assert len(set(with_path)) == len(with_path)
+
+
+class Wider(Vehicle):
+    """A vehicle with one more number, before all others."""
+
+    @classmethod
+    def specs(cls):
+        return {"added": number(1.0, "1", "new").metadata["spec"], **super().specs()}
+
+    added = 1.0
+
+
+def test_a_new_number_moves_no_draw():
+    def counters(vehicle):
+        rows = dict.fromkeys(vehicle.drawn(), 0)
+        return {each.path: each.counter for each in numbers_of(vehicle, "vehicle.", "vehicle.", rows)}
+
+    before, after = counters(Vehicle()), counters(Wider())
+    assert list(after) == ["vehicle.added", *before]
+    assert {path: after[path] for path in before} == before
+    assert after["vehicle.added"] not in before.values()

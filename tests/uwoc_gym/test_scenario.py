@@ -329,7 +329,7 @@ def test_drawn_values_follow_the_seed(fly):
     first = fly(scenario, 3, seeds=[1, 2, 1]).fleet.drawn()
     second = fly(scenario, 2, seeds=[2, 1]).fleet.drawn()
     for name, values in first.items():
-        assert values[0] == values[2]
+        np.testing.assert_array_equal(values[0], values[2], err_msg=name)
         np.testing.assert_array_equal(values[:2], second[name][::-1], err_msg=name)
     assert first["vehicle.mass_scale"][0] != first["vehicle.mass_scale"][1]
 

@@ -1,0 +1,374 @@
+"""N simulations as arrays: reset, step, observe, reward. The only place where time passes.
+
+All environments are thin shells over `Fleet`. Its simulations lie in blocks of 32 lanes (see `records`), in one array;
+one compiled function advances any number of blocks, with everything inside (see `paper`). A lane's episode is a pure
+function of its seed and episode number, so it is the same bit for bit on any batch size.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym import observation
+from uwoc_gym.parameters import closest
+from uwoc_gym.records import LANES
+from uwoc_gym.rng import key_from_seed
+from uwoc_gym.scenario import Scenario
+from uwoc_gym.sim import layout, paper
+from uwoc_gym.sim.layout import FIRST_OUT, OUT_ROWS, Drawn
+
+Array = npt.NDArray[np.float64]
+Lanes = npt.NDArray[np.int64]
+
+_SHIP_STILL = np.zeros(3)
+
+
+class Autoreset(enum.IntEnum):
+    """What happens to a simulation after its episode has ended."""
+
+    DISABLED = 0
+    NEXT_STEP = 1
+    SAME_STEP = 2
+
+
+class Rollout(NamedTuple):
+    """What flights of K copies came to, each of shape (K,)."""
+
+    returns: Array
+    """Sum of the rewards until the horizon or the flight's end."""
+    last_reward: Array
+    """Reward of the last step flown."""
+    last_distance_m: Array
+    """Horizontal distance to the ship after it [m]."""
+    steps_in_link: npt.NDArray[np.int64]
+    """Steps that ended inside the cone."""
+
+
+class Fleet:
+    """N simulations of one scenario, advanced together.
+
+    Args:
+        scenario: What to simulate.
+        size: Number of simulations N.
+        autoreset: What happens after an episode's end.
+        max_episode_steps: Steps after which an episode is truncated; by default the scenario's duration.
+        threads: Threads that share the blocks of 32 simulations; worth it from several thousand simulations on.
+
+    Raises:
+        ValueError: ``size``, ``threads`` or ``max_episode_steps`` is below 1.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        size: int,
+        autoreset: Autoreset = Autoreset.DISABLED,
+        max_episode_steps: int | None = None,
+        threads: int = 1,
+    ) -> None:
+        for name, value in (("size", size), ("threads", threads), ("max_episode_steps", max_episode_steps)):
+            if value is not None and (value != int(value) or value < 1):
+                raise ValueError(f"{name} = {value!r} is not allowed; it must be a whole number of at least 1.")
+        self.size = int(size)
+        self.autoreset = Autoreset(autoreset)
+        self.threads = int(threads)
+        self._blocks = -(-self.size // LANES)
+        self._pool: ThreadPoolExecutor | None = None
+        self._seeded = np.zeros(self.size, dtype=bool)
+        self._unused = np.zeros((0, observation.SIZE), dtype=np.float32)
+        self.configure(scenario, max_episode_steps)
+
+    def configure(self, scenario: Scenario, max_episode_steps: int | None = None) -> None:
+        """Change the scenario; takes effect for each simulation when it is next reset, so reset all of them."""
+        self.scenario = scenario
+        self.max_episode_steps = max_episode_steps or scenario.episode.steps
+        old: layout.Memory | None = getattr(self, "_memory", None)
+        self._memory = layout.build(scenario, self._blocks, self.max_episode_steps, self.autoreset)
+        self._drawn = {each.path: each for each in layout.drawn_numbers(scenario) if each.path}
+        if old is not None:
+            # Seeds and episodes go on; pulses come last, so that all other rows keep their places.
+            kept = min(old.rows.shape[1], self._memory.rows.shape[1])
+            self._memory.rows[:, :kept] = old.rows[:, :kept]
+
+    def _get(self, group: str, name: str) -> Array:
+        """A copy of one row of the blocks over all simulations, shape (N,)."""
+        row: Array = self._memory.blocks[group][name][:, :LANES].reshape(-1)[: self.size]
+        return row.copy()
+
+    def _set(self, group: str, name: str, lanes: Lanes, values: npt.ArrayLike) -> None:
+        self._memory.blocks[group][name][lanes // LANES, lanes % LANES] = values
+
+    @property
+    def single(self) -> Array:
+        """A live view of the measures of simulation 0, shape (16,), in the order of `MEASURE_NAMES`."""
+        return self._memory.rows[0, FIRST_OUT : FIRST_OUT + OUT_ROWS, 0]
+
+    @property
+    def memory(self) -> Array:
+        """All that the fleet consists of, settings included, as compiled code is given it (see `layout`)."""
+        return self._memory.array
+
+    def seed(self, lanes: npt.NDArray[np.int64], seeds: list[int]) -> None:
+        """Give simulations their seeds; their next reset begins episode 0."""
+        keys = np.array([key_from_seed(seed) for seed in seeds], dtype=float).reshape(-1, 2)
+        self._set("random", "key_0", lanes, keys[:, 0])
+        self._set("random", "key_1", lanes, keys[:, 1])
+        self._set("random", "episode", lanes, -1.0)
+        self._seeded[lanes] = True
+
+    def reset(
+        self,
+        observations: npt.NDArray[np.float32],
+        lanes: npt.NDArray[np.int64] | None = None,
+        pose: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        parameters: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> None:
+        """Begin the next episode of each of ``lanes`` (all by default) and write its observation.
+
+        Args:
+            observations: Written to, shape (N, 20); other lanes' rows stay.
+            lanes: Indices of the simulations to reset.
+            pose: Start pose, shape (3,) or (N, 3) [m, m, rad] in the earth frame, instead of the scenario's.
+            velocity: Start velocity, shape (3,) or (N, 3) [m/s, m/s, rad/s], instead of the scenario's.
+            parameters: Numbers to take instead of drawing them, by their names in `drawn`: one, or one per
+                simulation. Each must lie in the range that the scenario draws from.
+
+        Raises:
+            ValueError: ``pose`` or ``velocity`` has another shape or isn't finite, or one of ``parameters`` is unknown,
+                of another shape or out of range; nothing has changed.
+        """
+        which = np.arange(self.size) if lanes is None else lanes
+        if not self._seeded[which].all():
+            raise ValueError("every simulation needs a seed before its first reset.")
+        poses = self._start_values("pose", pose)
+        velocities = self._start_values("velocity", velocity)
+        numbers, values, alternatives = self._chosen(parameters or {})
+        rows, only = (np.array([getattr(each, name) for each in numbers], dtype=np.int64) for name in ("row", "only"))
+        self._set("random", "episode", which, self._get("random", "episode")[which] + 1.0)
+        paper.reset(self._memory.array, which, poses, velocities, alternatives, rows, only, values, observations)
+
+    def _chosen(self, parameters: Mapping[str, npt.ArrayLike]) -> tuple[list[Drawn], Array, Array]:
+        """The numbers that aren't to be drawn, their values by simulation, and the ship's paths by simulation."""
+        if not isinstance(parameters, Mapping) or not all(isinstance(name, str) for name in parameters):
+            raise ValueError(f"options['parameters'] = {parameters!r} is not allowed; it must be a mapping of names.")
+        numbers: list[Drawn] = []
+        values = np.zeros((len(parameters), self.size))
+        alternatives = np.full(self.size, -1.0)
+        for i, (name, value) in enumerate(parameters.items()):
+            field = f"options['parameters'][{name!r}]"
+            if name not in self._drawn:
+                raise ValueError(f"{field} is not known; {closest(name, list(self._drawn))}")
+            own = self._drawn[name]
+            try:
+                array = _coded(value, own) if own.options else np.asarray(value, dtype=float)
+            except (TypeError, ValueError):
+                array = np.empty(0)
+            fits = (own.low <= array) & (array <= own.high)
+            if own.whole:
+                fits = (array == np.floor(array)) & fits & (array < own.high)
+            if array.shape not in ((), (self.size,)) or not fits.all():
+                shapes = "a number" if self.size == 1 else f"a number or of shape ({self.size},)"
+                allowed = f"in the range [{own.low:g}, {own.high:g}] that the scenario draws it from"
+                if own.options:
+                    shapes = shapes.replace("a number", "a name")
+                    allowed = f"namely {own.options[int(own.low)]!r} as in the scenario"
+                if own.whole:
+                    allowed = f"a whole one from 0 to {own.high - 1:g}, the place of one of the scenario's alternatives"
+                raise ValueError(f"{field} = {value!r} is not allowed; it must be {shapes}, {allowed}.")
+            values[i] = array
+            if name == "ship":
+                alternatives[:] = array
+            numbers.append(own)
+        return numbers, values, alternatives
+
+    @property
+    def begun(self) -> bool:
+        """Whether any simulation has been reset."""
+        return bool((self._get("random", "episode")[self._seeded] >= 0.0).any())
+
+    def push(self, lanes: npt.NDArray[np.int64], impulse: npt.ArrayLike) -> None:
+        """Change the AUVs' velocities at once, by an impulse over their true masses.
+
+        Args:
+            lanes: Indices of the simulations to push.
+            impulse: Along surge, along sway and about yaw, shape (3,) [N s, N s, N m s].
+
+        Raises:
+            ValueError: The impulse has another shape or isn't finite; nothing has moved.
+        """
+        try:
+            given = np.asarray(impulse, dtype=float)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise ValueError(f"impulse = {impulse!r} is not allowed; it must be finite and of shape (3,).")
+        rows = (("surge", "inverse_surge"), ("sway", "inverse_sway"), ("yaw_rate", "inverse_yaw"))
+        for own, (velocity, inverse) in zip(given, rows, strict=True):
+            after = self._get("auv", velocity) + own * self._get("auv", inverse)
+            self._set("auv", velocity, lanes, after[lanes])
+
+    def _start_values(self, name: str, value: npt.ArrayLike | None) -> Array:
+        if value is None:
+            return np.full((self.size, 3), np.nan)
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            array = np.empty(0)
+        if array.shape not in ((3,), (self.size, 3)) or not np.isfinite(array).all():
+            shapes = "(3,)" if self.size == 1 else f"(3,) or ({self.size}, 3)"
+            raise ValueError(f"options[{name!r}] = {value!r} is not allowed; it must be finite and of shape {shapes}.")
+        return np.ascontiguousarray(np.broadcast_to(array, (self.size, 3)))
+
+    def observe(self) -> npt.NDArray[np.float32]:
+        """The present observation of every simulation, noise included, shape (N, 20)."""
+        observations = np.empty((self.size, observation.SIZE), dtype=np.float32)
+        paper.look(self._memory.array, observations)
+        return observations
+
+    def step(
+        self,
+        actions: npt.NDArray[np.float32],
+        observations: npt.NDArray[np.float32],
+        out: Array,
+        flags: npt.NDArray[np.bool_],
+        finals: npt.NDArray[np.float32] | None = None,
+    ) -> int:
+        """Advance every simulation by one control period.
+
+        The arrays' shapes and types are the caller's promise: at this rate of calls they aren't checked.
+
+        Args:
+            actions: Shape (N, 3), float32; clipped to [-1, 1] and scaled by the actuators' limits.
+            observations: Written to, shape (N, 20), float32.
+            out: Written to, shape (16, N): the measures before any autoreset, in the order of `MEASURE_NAMES`.
+            flags: Written to, shape (4, N): terminated, truncated, in the cone, success, before any autoreset.
+            finals: Written to where a simulation ended and began anew in this step, shape (N, 20), float32.
+
+        Returns:
+            How many episodes ended in this step.
+
+        Raises:
+            ValueError: An action isn't finite; nothing has moved.
+            RuntimeError: An episode has ended and autoreset is disabled; nothing has moved.
+        """
+        last_observations = self._unused if finals is None else finals
+        arguments = (self._memory.array, actions, observations, out, flags, last_observations)
+        if self.threads == 1 or self._blocks == 1:
+            ends: int = paper.step(*arguments, 0, self.size)
+        else:
+            ends = self._step_in_threads(arguments)
+        if ends < 0:
+            self._refuse(ends, actions)
+        return ends
+
+    def stepper(self) -> Callable[[npt.NDArray[np.float32], npt.NDArray[np.float32]], list[float]]:
+        """A quick `step` for a fleet of one without autoreset, valid until the next `configure`.
+
+        The function takes an action of shape (3,) and the observation to write, of shape (20,), both contiguous
+        float32, and returns the measures in the order of `MEASURE_NAMES`.
+        """
+        memory, measures = self._memory.array, self.single
+
+        def step(action: npt.NDArray[np.float32], observation: npt.NDArray[np.float32]) -> list[float]:
+            status = paper.step_one(memory, action, observation)
+            if status:
+                self._refuse(status, action.reshape(1, -1))
+            values: list[float] = measures.tolist()
+            return values
+
+        return step
+
+    def _step_in_threads(self, arguments: tuple[Any, ...]) -> int:
+        if not np.isfinite(arguments[1]).all():
+            return paper.NOT_FINITE
+        if self.autoreset is Autoreset.DISABLED and self._get("ending", "ended").any():
+            return paper.HAS_ENDED
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads)
+        share = -(-self._blocks // self.threads) * LANES
+        starts = range(0, self.size, share)
+        step: Callable[..., int] = paper.step
+        jobs = [self._pool.submit(step, *arguments, start, min(start + share, self.size)) for start in starts]
+        return sum(job.result() for job in jobs)
+
+    def _refuse(self, status: int, actions: npt.NDArray[np.float32]) -> None:
+        if status == paper.NOT_FINITE:
+            index = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
+            raise ValueError(
+                f"action {actions[index].tolist()} of simulation {index} is not allowed; it must be finite "
+                "(numbers beyond [-1, 1] are clipped)."
+            )
+        ended = np.flatnonzero(self._get("ending", "ended")).tolist()
+        raise RuntimeError(f"the episodes of simulations {ended[:10]} have ended; reset them before stepping on.")
+
+    def close(self) -> None:
+        """End the threads, if there are any."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_pool": None, "_memory": self._memory.array}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._memory = layout.view(state["_memory"])
+
+    def measures(self) -> Array:
+        """The present measures of all simulations, shape (16, N), in the order of `MEASURE_NAMES`."""
+        rows = self._memory.rows[:, FIRST_OUT : FIRST_OUT + OUT_ROWS]
+        return rows.transpose(1, 0, 2).reshape(OUT_ROWS, -1)[:, : self.size].copy()
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """The true state by name, each with a first axis of length N; see `TrackingEnv.state` for the entries."""
+
+        def get(group: str, *names: str) -> Array:
+            return np.stack([self._get(group, name) for name in names], axis=-1)
+
+        return {
+            "time_s": self._get("clock", "time_s"),
+            "pose": get("auv", "x", "y", "yaw"),
+            "velocity": get("auv", "surge", "sway", "yaw_rate"),
+            "depth_m": self._get("link", "depth_m"),
+            "ship_pose": get("ship", "x", "y", "yaw"),
+            "ship_velocity": get("ship", "vx", "vy", "yaw_rate"),
+            "ship_acceleration": get("ship", "ax", "ay", "yaw_acceleration"),
+            "current": get("current", "x", "y"),
+            "force": get("auv", "force_surge", "force_sway", "moment_yaw"),
+            **{name: self._get("measure", name) for name in layout.OUT["measure"] if name != "in_cone"},
+            "in_cone": self._get("measure", "in_cone") > 0.0,
+            "slant_height_m": self._get("link", "slant_height_m"),
+        }
+
+    def drawn(self) -> dict[str, npt.NDArray[Any]]:
+        """What the present episodes have drawn for each number and choice, by its path, each of shape (N,).
+
+        ``ship`` is the place of the path among the scenario's. Of paths that an episode doesn't follow, numbers are
+        not a number and choices empty.
+        """
+        memory = self._memory
+        rows = memory.rows.transpose(1, 0, 2).reshape(memory.rows.shape[1], -1)[:, : self.size]
+        followed = rows[self._drawn["ship"].row]
+        found: dict[str, npt.NDArray[Any]] = {}
+        for path, own in self._drawn.items():
+            mine = (own.only < 0) | (own.only == followed)
+            if own.options:
+                names = np.array([*own.options, ""])
+                found[path] = names[np.where(mine, rows[own.row], -1).astype(int)]
+            else:
+                found[path] = np.where(mine, rows[own.row], np.nan)
+        return found
+
+
+def _coded(value: Any, own: Drawn) -> Array:
+    """Places of the names that were chosen; not a number for what can't be."""
+    names = np.asarray(value)
+    places = {name: float(place) for place, name in enumerate(own.options)}
+    return np.array([places.get(str(name), np.nan) for name in names.ravel()]).reshape(names.shape)

@@ -1,0 +1,229 @@
+"""The record of a block and that of the world's settings, put together from what each effect declares.
+
+A fleet's memory is one array of float64, so that a step hands over as few arrays as possible: the settings (`WORLD`),
+the numbers to draw (`DRAW`), the rows that are observed, the splines of recorded paths, and the blocks, each a `BLOCK`
+followed by one `PULSE` for each pulse of the scenario.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym import action, current, ending, link, observation, reward, rng, sensors, ship, vehicle
+from uwoc_gym.parameters import Number, Parameters
+from uwoc_gym.pulses import Pulse
+from uwoc_gym.records import ROW_BYTES, Spec, block_type, count, flat, lane_type, row_numbers, rows, table_type
+from uwoc_gym.rng import counter
+from uwoc_gym.scenario import Scenario
+
+Array = npt.NDArray[np.float64]
+
+COMPONENTS = {
+    "link": "link",
+    "vehicle": "vehicle",
+    "current": "sea.current",
+    "sensors": "sensors",
+    "start": "start",
+    "reward": "reward",
+    "observation": "observation",
+    "episode": "episode",
+    "scenario": "",
+}
+"""Path in `Scenario` of the settings that compiled code finds at ``b.drawn.<name>`` and ``world.<name>``."""
+
+
+def component(scenario: Scenario, name: str) -> Parameters:
+    """The settings of that name."""
+    found: Any = scenario
+    for part in filter(None, COMPONENTS[name].split(".")):
+        found = getattr(found, part)
+    return found  # type: ignore[no-any-return]
+
+
+def _drawn() -> dict[str, Spec]:
+    groups: dict[str, Spec] = {name: rows(*component(Scenario(), name).drawn()) for name in COMPONENTS}
+    return {name: group for name, group in groups.items() if group} | {"ship": rows("choice") | ship.DRAWN}
+
+
+OUT = {"measure": link.MEASURE, "total": rows("cost"), "term": reward.TERM, "outcome": ending.OUTCOME}
+"""The rows that a step hands out."""
+
+SPEC: Spec = {
+    "clock": ending.CLOCK,
+    "random": rng.STATE,
+    "action": action.STATE,
+    "auv": vehicle.STATE,
+    "water": vehicle.WATER,
+    "wrench": vehicle.WRENCH,
+    "current": current.STATE,
+    "ship": ship.STATE,
+    "path": ship.PATH,
+    "link": link.STATE,
+    "sensors": sensors.STATE,
+    "ending": ending.STATE,
+    "cost": link.COST,
+    **OUT,
+    "observed": observation.OBSERVED,
+    "drawn": _drawn(),
+}
+"""Every row of a block but those of the pulses."""
+
+PULSE_SPEC: Spec = rows(*Pulse.drawn())
+
+BLOCK = block_type(SPEC)
+PULSE = block_type(PULSE_SPEC)
+DRAW = np.dtype([(name, "f8") for name in ("row", "low", "high", "step", "index", "only", "whole")])
+"""A number to draw: the fields of `Drawn`."""
+
+BLOCK_DOUBLES = BLOCK.itemsize // 8
+ROW = dict(row_numbers(SPEC))
+"""Number of each row by its dotted name."""
+FIRST_OUT = ROW["measure.bit_rate_bps"]
+OUT_ROWS = sum(count(group) for group in OUT.values())
+DRAWN_SHIP = (ROW["drawn.ship.choice"], ROW["drawn.ship.choice"] + count(SPEC["drawn"]["ship"]))
+"""First of the rows of the ship's path, and the one after the last."""
+
+MEASURE_NAMES = (*link.MEASURE, "cost", *(f"reward_{name}" for name in reward.TERM), *ending.OUTCOME)
+"""Names of the measures that a step writes out, in their order."""
+
+INFO_NAMES = tuple(name for name in MEASURE_NAMES if name not in ("reward", "terminated", "truncated"))
+"""Keys of `info` at every step, in the order of the measures."""
+
+FLAGS = ("terminated", "truncated", "in_cone", "is_success")
+"""The measures that are true or false."""
+
+
+class _Layout(NamedTuple):
+    """Where the parts of the memory begin [doubles], and what else a step has to know of it."""
+
+    draws: float = 0.0
+    observed: float = 0.0
+    segments: float = 0.0
+    blocks: float = 0.0
+    block_doubles: float = 0.0
+    autoreset: float = 0.0
+
+
+def _world(scenario: Scenario, layout: _Layout) -> dict[str, Any]:
+    fixed = {name: component(scenario, name).fixed_values() for name in COMPONENTS}
+    groups = {name: values for name, values in fixed.items() if values}
+    return groups | {"ship": ship.kinds(scenario.ship_paths), "layout": layout._asdict()}
+
+
+WORLD = table_type(_world(Scenario(), _Layout()))
+
+
+class Drawn(NamedTuple):
+    """A number that an episode may draw."""
+
+    path: str
+    """Its path in the scenario; empty for what follows from the kind of the ship's path."""
+    row: int
+    low: float
+    high: float
+    counter: tuple[float, float]
+    only: int = -1
+    """The alternative of the ship's path to which it belongs; −1 for all."""
+    whole: bool = False
+    """Whether what is drawn is a whole number below ``high``: a choice's place."""
+    options: tuple[str, ...] = ()
+    """What may be chosen, if it is a choice."""
+
+
+def _range(value: Number) -> tuple[float, float]:
+    low, high = value if isinstance(value, tuple) else (value, value)
+    return float(low), float(high)
+
+
+def drawn_numbers(scenario: Scenario) -> list[Drawn]:
+    """All numbers that episodes of the scenario may draw."""
+    found = []
+    for name, prefix in COMPONENTS.items():
+        own = component(scenario, name)
+        rows_of = {key: ROW[f"drawn.{name}.{key}"] for key in own.drawn()}
+        found += numbers_of(own, f"{prefix}.", f"{prefix}.", rows_of)
+    for i, pulse in enumerate(scenario.sea.pulses):
+        first = BLOCK.itemsize // ROW_BYTES + i * count(PULSE_SPEC)
+        rows_of = {key: first + k for k, key in enumerate(PULSE_SPEC)}
+        found += numbers_of(pulse, f"sea.pulses[{i}].", f"sea.pulses[{i}].", rows_of)
+    paths = scenario.ship_paths
+    found.append(Drawn("ship", ROW["drawn.ship.choice"], 0.0, len(paths), counter("ship"), whole=True))
+    first_segment = 0
+    for i, path in enumerate(paths):
+        place = f"ship[{i}]." if isinstance(scenario.ship, tuple) else "ship."
+        rows_of = {key: ROW[f"drawn.ship.{key}"] for key in ship.DRAWN}
+        found += numbers_of(path, place, f"ship.{path.kind}.", rows_of, i)
+        further = ship.further_numbers(path, first_segment)
+        first_segment += further["segments"]
+        found += [Drawn("", rows_of[key], value, value, (0.0, 0.0), i) for key, value in further.items()]
+    return found
+
+
+def numbers_of(own: Parameters, place: str, name: str, rows_of: dict[str, int], only: int = -1) -> list[Drawn]:
+    """The numbers and choices of one component, whose draws hang on ``name``."""
+    specs = own.specs()
+    return [
+        Drawn(
+            f"{place}{key}".lstrip("."),
+            rows_of[key],
+            *_range(value),
+            counter(f"{name}{key}".lstrip(".")),
+            only,
+            options=getattr(specs[key], "options", ()),
+        )
+        for key, value in own.drawn_values().items()
+    ]
+
+
+class Memory(NamedTuple):
+    """A fleet's memory and its parts, all views of one array."""
+
+    array: Array
+    world: Any
+    """The settings, a record of type `WORLD`."""
+    blocks: Any
+    """The blocks, records of type `BLOCK`, shape (blocks,)."""
+    rows: Array
+    """All rows of the blocks with their pulses, shape (blocks, rows, LANES)."""
+
+
+def view(array: Array) -> Memory:
+    """The parts of a fleet's memory."""
+    world = array[: WORLD.itemsize // 8].view(WORLD)[0]
+    sizes = world["layout"]
+    first, size = int(sizes["blocks"]), int(sizes["block_doubles"])
+    blocks = array[first:].reshape(-1, size)
+    stride = ROW_BYTES // 8
+    return Memory(
+        array=array,
+        world=world,
+        blocks=blocks[:, :BLOCK_DOUBLES].view(BLOCK)[:, 0],
+        rows=blocks.reshape(len(blocks), size // stride, stride)[:, :, : stride - 8],
+    )
+
+
+def build(scenario: Scenario, blocks: int, max_steps: int, autoreset: int) -> Memory:
+    """The memory of a fleet of that many blocks, with all rows 0."""
+    draws = np.array(
+        [(each.row, each.low, each.high, *each.counter, each.only, each.whole) for each in drawn_numbers(scenario)],
+        dtype=np.float64,
+    )
+    first = ROW["observed.tracking"]
+    observed = np.arange(first, first + observation.SIZE, dtype=np.float64)
+    splines = np.concatenate([path.segments() for path in scenario.ship_paths])
+    draws_at, observed_at, segments_at, blocks_at = np.cumsum(
+        [WORLD.itemsize // 8, draws.size, observed.size, splines.size]
+    ).tolist()
+    doubles = BLOCK_DOUBLES + len(scenario.sea.pulses) * PULSE.itemsize // 8
+    world = _world(scenario, _Layout(draws_at, observed_at, segments_at, blocks_at, doubles, autoreset))
+    world["episode"]["max_steps"] = max_steps
+    return view(np.concatenate([flat(world), draws.ravel(), observed, splines, np.zeros(blocks * doubles)]))
+
+
+def lane_record(scenario: Scenario) -> np.dtype[Any]:
+    """The record of the whole state of one lane: its names are those of the rows."""
+    pulses = {f"pulse_{i}": PULSE_SPEC for i in range(len(scenario.sea.pulses))}
+    return lane_type({**SPEC, "pulses": pulses} if pulses else SPEC)

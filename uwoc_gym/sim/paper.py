@@ -1,0 +1,365 @@
+"""The order of events in the paper's worlds, compiled: what happens in a reset, a step and a rollout.
+
+The functions here are lists of calls of the effects' kernel functions, each in a loop over the lanes of a block. A
+block's lanes are loops of their own because then they vectorise, and never look at each other except to skip work.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uwoc_gym import action, current, ending, link, observation, pulses, reward, sensors, ship, start, vehicle
+from uwoc_gym.compiled import compiled, inlined, subroutine
+from uwoc_gym.elementary import floor
+from uwoc_gym.records import LANES, STRIDE
+from uwoc_gym.rng import STREAM, draw
+from uwoc_gym.ship import SEGMENT
+from uwoc_gym.sim.layout import (
+    BLOCK,
+    BLOCK_DOUBLES,
+    DRAW,
+    DRAWN_SHIP,
+    FIRST_OUT,
+    OUT_ROWS,
+    PULSE,
+    ROW,
+    WORLD,
+)
+
+_LARGEST = np.finfo(np.float32).max
+NOT_FINITE = -1
+HAS_ENDED = -2
+_CHOICE, _AFTER_SHIP = DRAWN_SHIP
+_ENDED = ROW["ending.ended"]
+_WORLD_DOUBLES = WORLD.itemsize // 8
+
+
+@inlined
+def _world_of(memory):
+    return memory[:_WORLD_DOUBLES].view(WORLD)[0]
+
+
+@inlined
+def _numbers_of(memory, world):
+    """A block's rows as plain numbers, of all blocks from the first on."""
+    return memory[int(world.layout.blocks) :]
+
+
+@subroutine
+def _draw_numbers(memory, world, s, b, j, alternative) -> None:
+    """Draw lane ``j``'s numbers for its episode; ``alternative`` is that of the ship's path, or −1 to draw it too."""
+    for row in range(_CHOICE, _AFTER_SHIP):
+        s[row * STRIDE + j] = 0.0
+    draws = memory[int(world.layout.draws) : int(world.layout.observed)].view(DRAW)
+    for i in range(draws.size):
+        own = draws[i]
+        row = int(own.row)
+        if own.only >= 0.0 and own.only != b.drawn.ship.choice[j]:
+            continue
+        value = own.low
+        if row == _CHOICE and alternative >= 0.0:
+            value = alternative
+        elif own.low < own.high:
+            u, _, _, _ = draw(b, j, STREAM, own.step, own.index)
+            value = own.low + (own.high - own.low) * u
+            if own.whole > 0.0:
+                value = floor(value)
+        s[row * STRIDE + j] = value
+
+
+@subroutine
+def _begin_episode(memory, world, b, j) -> None:
+    """Put the lane at time 0 of the episode whose numbers it has drawn."""
+    ending.begin(b, j)
+    action.begin(b, j)
+    sensors.begin(b, j, world)
+    vehicle.begin(b, j, world)
+    link.begin(b, j, world)
+    ship.begin(b, j, world)
+    current.begin(b, j, world)
+    _move_ship(memory, world, b, j, j + 1)
+    start.begin(b, j, world)
+
+
+@inlined
+def _move_ship(memory, world, b, first, last) -> None:
+    """Write the motion of the lanes' ships at their time."""
+    for j in range(first, last):
+        ship.sail(b, j)
+    if world.ship.random > 0.0:
+        for j in range(first, last):
+            ship.wander(b, j)
+    if world.ship.lawn_mower > 0.0:
+        for j in range(first, last):
+            ship.follow_legs(b, j)
+    if world.ship.recorded > 0.0:
+        segments = memory[int(world.layout.segments) : int(world.layout.blocks)].view(SEGMENT)
+        for j in range(first, last):
+            if b.drawn.ship.kind[j] == ship.RECORDED:
+                ship.follow_record(b, j, segments)
+    for j in range(first, last):
+        ship.turn_to_heading(b, j)
+
+
+@subroutine
+def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
+    """Move the block's AUVs, ships and water through one control period."""
+    period = world.episode.control_period_s
+    h = world.episode.step_s
+    substeps = int(world.episode.substeps)
+    for j in range(lanes):
+        action.take(b, j, numbers, action.SIZE * (first_lane + j))
+    for j in range(lanes):
+        vehicle.actuate(b, j, world)
+
+    flows = world.current.acts > 0.0
+    if flows:
+        for j in range(lanes):
+            vehicle.calm(b, j)
+            current.flow(b, j, world)
+            vehicle.change_to_water(b, j, -1.0)
+    own_pulses = s[BLOCK_DOUBLES : int(world.layout.block_doubles)].view(PULSE)
+    pushed = False
+    for i in range(own_pulses.size):
+        for j in range(lanes):
+            pushed |= pulses.touches(b, j, own_pulses[i], world)
+    if pushed:
+        for substep in range(substeps):
+            for j in range(lanes):
+                vehicle.release(b, j)
+                pulses.push(b, j, own_pulses, substep * h, h, world)
+            for j in range(lanes):
+                vehicle.integrate_pushed(b, j, h)
+    else:
+        for _ in range(substeps):
+            for j in range(lanes):
+                vehicle.integrate_in_calm(b, j, h)
+    for j in range(lanes):
+        vehicle.turn_to_heading(b, j)
+    if flows:
+        for j in range(lanes):
+            vehicle.change_to_water(b, j, 1.0)
+            vehicle.carry(b, j, period)
+
+    for j in range(lanes):
+        ending.tick(b, j, world)
+    if flows:
+        for j in range(lanes):
+            current.advance(b, j, world)
+    _move_ship(memory, world, b, 0, lanes)
+
+
+@inlined
+def _judge(world, b, first, last) -> None:
+    """Evaluate all that reward, ending and observation depend on."""
+    for j in range(first, last):
+        link.measure(b, j, world)
+    for j in range(first, last):
+        reward.pay(b, j, world)
+        ending.judge(b, j, world)
+
+
+@subroutine
+def _show(memory, world, s, b, first, last, entries, first_lane) -> None:
+    """Work out what only `info` shows, and what the sensors say; write the latter to ``entries``."""
+    for j in range(first, last):
+        link.report(b, j, world)
+    for j in range(first, last):
+        link.report_errors(b, j, world)
+    _observe(memory, world, s, b, first, last, entries, first_lane)
+
+
+@inlined
+def _observe(memory, world, s, b, first, last, entries, first_lane) -> None:
+    if world.sensors.acts > 0.0:
+        for j in range(first, last):
+            sensors.see(b, j)
+    else:
+        for j in range(first, last):
+            sensors.see_exactly(b, j)
+    for j in range(first, last):
+        observation.observe(b, j, world)
+    active = memory[int(world.layout.observed) : int(world.layout.segments)]
+    for k in range(active.size):
+        row = int(active[k]) * STRIDE
+        place = active.size * (first_lane - first) + k
+        for j in range(first, last):
+            entries[place + active.size * j] = s[row + j]
+
+
+@inlined
+def _show_start(memory, world, s, b, j, entries, lane) -> None:
+    vehicle.turn_to_heading(b, j)
+    _judge(world, b, j, j + 1)
+    ending.show_start(b, j)
+    _show(memory, world, s, b, j, j + 1, entries, lane)
+
+
+@subroutine
+def _restart(memory, world, s, b, j, entries, lane) -> None:
+    """Begin the lane's next episode."""
+    b.random.episode[j] += 1.0
+    _draw_numbers(memory, world, s, b, j, -1.0)
+    _begin_episode(memory, world, b, j)
+    _show_start(memory, world, s, b, j, entries, lane)
+
+
+@compiled
+def reset(memory, lanes, poses, velocities, alternatives, rows, only, chosen, observations):
+    """Begin the episode that each of ``lanes`` is marked with.
+
+    Numbers in the other arrays, one a lane, replace drawn ones: the ship's path where ``alternatives`` isn't negative,
+    poses and velocities that are numbers, and ``chosen`` for each of ``rows`` that belongs to the path.
+    """
+    world = _world_of(memory)
+    size = int(world.layout.block_doubles)
+    blocks = _numbers_of(memory, world)
+    entries = observations.reshape(observations.size)
+    for lane in lanes:
+        s = blocks[lane // LANES * size :]
+        b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+        j = lane % LANES
+        _draw_numbers(memory, world, s, b, j, alternatives[lane])
+        for i in range(rows.size):
+            if only[i] < 0 or only[i] == b.drawn.ship.choice[j]:
+                s[rows[i] * STRIDE + j] = chosen[i, lane]
+        _begin_episode(memory, world, b, j)
+        a = b.auv
+        if poses[lane, 0] == poses[lane, 0]:
+            a.x[j], a.y[j], a.yaw[j] = poses[lane, 0], poses[lane, 1], poses[lane, 2]
+        if velocities[lane, 0] == velocities[lane, 0]:
+            a.surge[j], a.sway[j], a.yaw_rate[j] = velocities[lane, 0], velocities[lane, 1], velocities[lane, 2]
+        _show_start(memory, world, s, b, j, entries, lane)
+
+
+@compiled
+def look(memory, observations):
+    """Observe every lane anew; since errors are a function of the step, this repeats the last observation."""
+    world = _world_of(memory)
+    size = int(world.layout.block_doubles)
+    blocks = _numbers_of(memory, world)
+    entries = observations.reshape(observations.size)
+    for start_lane in range(0, observations.shape[0], LANES):
+        s = blocks[start_lane // LANES * size :]
+        b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+        _observe(memory, world, s, b, 0, min(LANES, observations.shape[0] - start_lane), entries, start_lane)
+
+
+@inlined
+def _move(memory, world, s, b, lanes, numbers, entries, first_lane) -> None:
+    """One control period of a block."""
+    _advance(memory, world, s, b, lanes, numbers, first_lane)
+    _judge(world, b, 0, lanes)
+    _show(memory, world, s, b, 0, lanes, entries, first_lane)
+
+
+@compiled
+def step_one(memory, act, seen):
+    """`step` for a fleet of one without autoreset, with as few arguments as possible since each costs time."""
+    for i in range(act.size):
+        if not abs(act[i]) <= _LARGEST:
+            return NOT_FINITE
+    world = _world_of(memory)
+    s = _numbers_of(memory, world)
+    b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+    if b.ending.ended[0] > 0.0:
+        return HAS_ENDED
+    _move(memory, world, s, b, 1, act, seen, 0)
+    return 0
+
+
+@compiled
+def step(memory, actions, observations, out, flags, finals, first, last):
+    """Advance lanes ``first`` to ``last``; returns how many episodes ended, or a negative number for what is wrong.
+
+    ``first`` is a multiple of the block's lanes. ``out`` and ``flags`` receive the measures and flags before any
+    autoreset in this step, ``finals`` the last observations of episodes that end where autoreset is in the same step.
+    """
+    world = _world_of(memory)
+    size = int(world.layout.block_doubles)
+    autoreset = int(world.layout.autoreset)
+    blocks = _numbers_of(memory, world)
+    numbers = actions.reshape(actions.size)
+    entries = observations.reshape(observations.size)
+    width = actions.shape[1]
+    bad = 0
+    for i in range(width * first, width * last):
+        bad += 0 if abs(numbers[i]) <= _LARGEST else 1
+    if bad:
+        return NOT_FINITE
+    if autoreset == 0:
+        for begin in range(first, last, LANES):
+            row = begin // LANES * size + _ENDED * STRIDE
+            for j in range(min(LANES, last - begin)):
+                bad += 1 if blocks[row + j] > 0.0 else 0
+        if bad:
+            return HAS_ENDED
+    ends = 0
+    for begin in range(first, last, LANES):
+        lanes = min(LANES, last - begin)
+        s = blocks[begin // LANES * size :]
+        b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+        # A lane that ended in the step before begins anew in this one, whose action and reward don't count.
+        fresh = 0
+        if autoreset == 1:
+            for j in range(lanes):
+                b.ending.was_ended[j] = b.ending.ended[j]
+                fresh += 1 if b.ending.ended[j] > 0.0 else 0
+        _move(memory, world, s, b, lanes, numbers, entries, begin)
+        if fresh:
+            for j in range(lanes):
+                if b.ending.was_ended[j] > 0.0:
+                    _restart(memory, world, s, b, j, entries, begin + j)
+        for i in range(OUT_ROWS):
+            row = (FIRST_OUT + i) * STRIDE
+            source = s[row : row + lanes]
+            target = out[i, begin : begin + lanes]
+            for j in range(lanes):
+                target[j] = source[j]
+        for j in range(lanes):
+            flags[0, begin + j] = b.outcome.terminated[j] > 0.0
+            flags[1, begin + j] = b.outcome.truncated[j] > 0.0
+            flags[2, begin + j] = b.measure.in_cone[j] > 0.0
+            flags[3, begin + j] = b.outcome.is_success[j] > 0.0
+            ends += 1 if b.ending.ended[j] > 0.0 else 0
+        if autoreset == 2:
+            for j in range(lanes):
+                if b.ending.ended[j] > 0.0:
+                    for k in range(observations.shape[1]):
+                        finals[begin + j, k] = observations[begin + j, k]
+                    _restart(memory, world, s, b, j, entries, begin + j)
+    return ends
+
+
+@compiled
+def rollout(memory, scratch, roots, actions, returns, rewards, distances, linked):
+    """Fly copies of ``roots`` through ``actions`` in a block of scratch memory; see `Fleet.rollout`."""
+    world = _world_of(memory)
+    s = scratch
+    b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+    horizon, flights, _ = actions.shape
+    for begin in range(0, flights, LANES):
+        lanes = min(LANES, flights - begin)
+        for row in range(roots.shape[1]):
+            for j in range(lanes):
+                s[row * STRIDE + j] = roots[min(begin + j, roots.shape[0] - 1), row]
+        for j in range(lanes):
+            returns[begin + j] = 0.0
+            linked[begin + j] = 0
+            rewards[begin + j] = b.outcome.reward[j]
+            distances[begin + j] = b.link.distance_m[j]
+        for t in range(horizon):
+            moment = actions[t]
+            numbers = moment.reshape(moment.size)
+            for j in range(lanes):
+                b.ending.was_ended[j] = b.ending.ended[j]
+            _advance(memory, world, s, b, lanes, numbers, begin)
+            _judge(world, b, 0, lanes)
+            for j in range(lanes):
+                if b.ending.was_ended[j] > 0.0:
+                    b.ending.ended[j] = 1.0
+                else:
+                    returns[begin + j] += b.outcome.reward[j]
+                    rewards[begin + j] = b.outcome.reward[j]
+                    distances[begin + j] = b.link.distance_m[j]
+                    linked[begin + j] += 1 if b.measure.in_cone[j] > 0.0 else 0
