@@ -65,6 +65,6 @@ def subroutine(function: Function) -> Function:
 
 def over_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
     """The scalar equation ``function``, plain or `inlined`, as a NumPy ufunc that is compiled on first use."""
-    return cast(
-        Callable[..., Any], numba.vectorize(cache=_CacheState.available)(getattr(function, "py_func", function))
-    )
+    vectorize: Any = cast(Any, numba).vectorize(cache=_CacheState.available)
+    ufunc: Callable[..., Any] = vectorize(getattr(function, "py_func", function))
+    return ufunc
