@@ -16,6 +16,7 @@ from uwoc_gym.scenario import SCENARIOS, Scenario
 from uwoc_gym.sea import Sea
 from uwoc_gym.sensors import Sensors
 from uwoc_gym.ship import (
+    CarriedOnPath,
     CirclePath,
     LawnMowerPath,
     PaperPath,
@@ -24,6 +25,7 @@ from uwoc_gym.ship import (
     ShipPath,
     StraightPath,
 )
+from uwoc_gym.sim.fleet import Fleet
 from uwoc_gym.start import Start
 from uwoc_gym.vector_env import TrackingVectorEnv
 from uwoc_gym.vehicle import Vehicle
@@ -33,10 +35,12 @@ __version__ = "0.1.0"
 __all__ = [
     "ENV_IDS",
     "SCENARIOS",
+    "CarriedOnPath",
     "CirclePath",
     "Cone",
     "Current",
     "EpisodeSettings",
+    "Fleet",
     "LawnMowerPath",
     "ObservationSettings",
     "OpticalLink",

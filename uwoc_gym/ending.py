@@ -70,10 +70,10 @@ def _whole(long: float, short: float, long_name: str, short_name: str) -> None:
 
 
 @inlined
-def begin(b, j) -> None:
-    """Time 0 of a new episode."""
-    b.clock.time_s[j] = 0.0
-    b.clock.step[j] = 0.0
+def begin(b, j, step, world) -> None:
+    """A new episode, at time 0 unless it is believed to be later."""
+    b.clock.step[j] = step
+    b.clock.time_s[j] = step * world.episode.control_period_s
     b.ending.ended[j] = 0.0
     b.ending.last_outside[j] = 0.0
 

@@ -270,6 +270,23 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             raise gym.error.ResetNeeded("the episode has ended or not begun; call reset() before push().")
         self._fleet.push(_LANE, impulse)
 
+    def snapshot(self) -> npt.NDArray[np.void]:
+        """The whole state, what is going to happen included: one record, shape (1,); see `Fleet.snapshot`."""
+        return self._fleet.snapshot()
+
+    def restore(self, rows: npt.NDArray[np.void]) -> Observation:
+        """Go on from a `snapshot`, of this environment or another, and return the observation there.
+
+        Raises:
+            ValueError: It isn't one record of this scenario's layout; nothing has changed.
+        """
+        self._fleet.restore(rows)
+        self._running = not self._fleet.ended[0]
+        if self.render_mode is not None:
+            self._begin_pictures()
+        observation: Observation = self._fleet.observe()[0]
+        return observation
+
     def render(self) -> Any:
         """The picture of the present state, uint8 of shape (height, width, 3), in the mode "rgb_array".
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from uwoc_gym.current import Current
@@ -18,7 +18,16 @@ from uwoc_gym.pulses import Pulse
 from uwoc_gym.reward import RewardSettings
 from uwoc_gym.sea import Sea
 from uwoc_gym.sensors import Sensors
-from uwoc_gym.ship import SHIP_PATHS, CirclePath, LawnMowerPath, PaperPath, RandomPath, ShipPath, StraightPath
+from uwoc_gym.ship import (
+    SHIP_PATHS,
+    CarriedOnPath,
+    CirclePath,
+    LawnMowerPath,
+    PaperPath,
+    RandomPath,
+    ShipPath,
+    StraightPath,
+)
 from uwoc_gym.start import Start
 from uwoc_gym.vehicle import Vehicle
 
@@ -79,6 +88,28 @@ class Scenario(Parameters):
         if name not in SCENARIOS:
             raise SettingError(f"There is no scenario {name!r}; {closest(name, list(SCENARIOS))}")
         return SCENARIOS[name]
+
+    def known(self, integration_step_s: float | None = None) -> Scenario:
+        """What the maker of a policy knows of the scenario: the nominal model, limits, periods, reward and scales.
+
+        Nothing is drawn, nothing disturbs, sensors are exact, ranges are at their middle, and the ship's path is
+        unknown: it is `CarriedOnPath`, at rest until `Fleet.believe` says otherwise.
+
+        Args:
+            integration_step_s: A coarser integration step, for planning [s].
+
+        Raises:
+            SettingError: The control period isn't a whole multiple of the step.
+        """
+        step = {} if integration_step_s is None else {"integration_step_s": integration_step_s}
+        return replace(
+            self.midpoint(),
+            vehicle=self.vehicle.nominal(),
+            ship=CarriedOnPath(),
+            sea=Sea(),
+            sensors=Sensors(),
+            episode=self.episode.merged(step),
+        )
 
     def to_json(self) -> str:
         """The scenario as a JSON text that `from_json` reads back to an equal scenario."""

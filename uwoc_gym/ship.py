@@ -234,6 +234,25 @@ def _splines(
     return np.column_stack([time_s[:-1], x.c.T, y.c.T, yaw.c.T]).ravel()
 
 
+@dataclass(frozen=True, kw_only=True)
+class CarriedOnPath(ShipPath):
+    """A motion carried on as it is at one moment: the course turns at a constant rate, and so does the heading.
+
+    That is what can be said of a ship whose plans aren't known, from a fix, its velocity and its rate of turn.
+    """
+
+    kind: ClassVar[str] = "carried-on"
+
+    x_m: Number = number(0.0, "m", "x at that moment")
+    y_m: Number = number(0.0, "m", "y at that moment")
+    course_rad: Number = number(0.0, "rad", "course at that moment")
+    speed_mps: Number = number(0.0, "m/s", "speed", low=0.0)
+    turn_rad_s: Number = number(0.0, "rad/s", "rate at which the course turns")
+    yaw_rad: Number = number(0.0, "rad", "heading at that moment")
+    yaw_rate_rad_s: Number = number(0.0, "rad/s", "rate at which the heading turns")
+    moment_s: Number = number(0.0, "s", "the moment", low=0.0)
+
+
 SHIP_PATHS: tuple[type[ShipPath], ...] = (
     PaperPath,
     StraightPath,
@@ -241,10 +260,11 @@ SHIP_PATHS: tuple[type[ShipPath], ...] = (
     RandomPath,
     LawnMowerPath,
     RecordedPath,
+    CarriedOnPath,
 )
 
 
-PAPER, STRAIGHT, CIRCLE, RANDOM, LAWN_MOWER, RECORDED = (float(code) for code in range(len(SHIP_PATHS)))
+PAPER, STRAIGHT, CIRCLE, RANDOM, LAWN_MOWER, RECORDED, CARRIED_ON = (float(code) for code in range(len(SHIP_PATHS)))
 """What `kind` holds for each kind of path."""
 
 DRAWN = rows("kind", *{name: () for path in SHIP_PATHS for name in path.drawn()}, "first_segment", "segments")
@@ -311,6 +331,34 @@ def begin(b, j, world) -> None:
         o.y[j] = p.y_m[j]
     elif kind == RANDOM:
         _begin_random(b, j)
+    elif kind == CARRIED_ON:
+        _begin_carried_on(b, j)
+
+
+@inlined
+def _begin_carried_on(b, j) -> None:
+    """A straight line or an arc through the place at the moment, with the velocity there."""
+    p, o = b.drawn.ship, b.path
+    moment = p.moment_s[j]
+    speed = p.speed_mps[j]
+    turn = p.turn_rad_s[j]
+    sine, cosine = sincos(p.course_rad[j])
+    o.heading[j] = p.yaw_rad[j] - p.yaw_rate_rad_s[j] * moment
+    o.heading_rate[j] = p.yaw_rate_rad_s[j]
+    # Below that, the arc's radius would cost more digits than the turn is worth.
+    if abs(turn) < 1e-8:
+        o.vx[j] = speed * cosine
+        o.vy[j] = speed * sine
+        o.x[j] = p.x_m[j] - o.vx[j] * moment
+        o.y[j] = p.y_m[j] - o.vy[j] * moment
+    else:
+        radius = speed / turn
+        o.rate[0, j] = turn
+        o.phase[0, j] = p.course_rad[j] - 0.5 * math.pi - turn * moment
+        o.radius_x[0, j] = radius
+        o.radius_y[0, j] = radius
+        o.x[j] = p.x_m[j] - radius * sine
+        o.y[j] = p.y_m[j] + radius * cosine
 
 
 @inlined
@@ -412,9 +460,9 @@ def wander(b, j) -> None:
 
 
 @inlined
-def _pick(first: bool, a: float, b: float) -> float:
-    """``a`` or ``b``, both of which are computed, so that loops vectorise."""
-    return a if first else b
+def _pick(mine: bool, own: float, other: float) -> float:
+    """``own`` or ``other``, both of which are computed, so that loops vectorise."""
+    return own if mine else other
 
 
 @inlined

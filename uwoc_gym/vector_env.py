@@ -235,6 +235,22 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """What the present episodes have drawn, by its path, as in `TrackingEnv.parameters`, each of shape (N,)."""
         return self._fleet.drawn()
 
+    def snapshot(self, lanes: npt.ArrayLike | None = None) -> npt.NDArray[np.void]:
+        """The whole states of environments, what is going to happen included; see `Fleet.snapshot`."""
+        return self._fleet.snapshot(lanes)
+
+    def restore(self, rows: npt.NDArray[np.void], lanes: npt.ArrayLike | None = None) -> Observations:
+        """Go on from a `snapshot`, one for all or one for each of ``lanes``; returns all observations.
+
+        Raises:
+            ValueError: The records have another layout or number; nothing has changed.
+        """
+        self._fleet.restore(rows, lanes)
+        self._begun = self._begun or lanes is None
+        if self._renderers:
+            self._begin_pictures(np.arange(self.num_envs) if lanes is None else np.atleast_1d(lanes))
+        return self._fleet.observe()
+
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """One picture per environment, each uint8 of shape (height, width, 3); None without a render mode.
 

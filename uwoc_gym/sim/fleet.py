@@ -15,18 +15,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym import observation
+from uwoc_gym import action, observation
 from uwoc_gym.parameters import closest
-from uwoc_gym.records import LANES
+from uwoc_gym.records import LANES, STRIDE
 from uwoc_gym.rng import key_from_seed
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.ship import CARRIED_ON
 from uwoc_gym.sim import layout, paper
 from uwoc_gym.sim.layout import FIRST_OUT, OUT_ROWS, Drawn
 
 Array = npt.NDArray[np.float64]
 Lanes = npt.NDArray[np.int64]
-
-_SHIP_STILL = np.zeros(3)
 
 
 class Autoreset(enum.IntEnum):
@@ -144,15 +143,170 @@ class Fleet:
             ValueError: ``pose`` or ``velocity`` has another shape or isn't finite, or one of ``parameters`` is unknown,
                 of another shape or out of range; nothing has changed.
         """
-        which = np.arange(self.size) if lanes is None else lanes
+        which = self._which(lanes)
         if not self._seeded[which].all():
             raise ValueError("every simulation needs a seed before its first reset.")
-        poses = self._start_values("pose", pose)
-        velocities = self._start_values("velocity", velocity)
-        numbers, values, alternatives = self._chosen(parameters or {})
+        poses = self._start_values("options['pose']", pose, 3)
+        velocities = self._start_values("options['velocity']", velocity, 3)
+        numbers, values, paths = self._chosen(parameters or {})
         rows, only = (np.array([getattr(each, name) for each in numbers], dtype=np.int64) for name in ("row", "only"))
         self._set("random", "episode", which, self._get("random", "episode")[which] + 1.0)
-        paper.reset(self._memory.array, which, poses, velocities, alternatives, rows, only, values, observations)
+        paper.reset(self._memory.array, which, 0.0, poses, velocities, paths, rows, only, values, observations)
+
+    def _which(self, lanes: npt.ArrayLike | None) -> Lanes:
+        """The simulations meant.
+
+        Raises:
+            ValueError: They aren't whole numbers below N.
+        """
+        if lanes is None:
+            return np.arange(self.size)
+        which = np.atleast_1d(np.asarray(lanes))
+        if which.ndim != 1 or which.dtype.kind not in "iu" or not ((which >= 0) & (which < self.size)).all():
+            raise ValueError(f"lanes = {lanes!r} is not allowed; it must be whole numbers from 0 to {self.size - 1}.")
+        return which.astype(np.int64, copy=False)
+
+    @property
+    def lane_type(self) -> np.dtype[Any]:
+        """The record of the whole state of one simulation, which `snapshot` gives and `restore` takes."""
+        return layout.lane_record(self.scenario)
+
+    def snapshot(self, lanes: npt.ArrayLike | None = None) -> npt.NDArray[np.void]:
+        """The whole state of simulations, what they have drawn and are going to draw included.
+
+        Args:
+            lanes: Indices of n simulations, by default all.
+
+        Returns:
+            Records of `lane_type`, shape (n,), whose fields can be read by name, as in ``rows["auv"]["x"]``.
+
+        Raises:
+            ValueError: ``lanes`` isn't allowed.
+        """
+        which = self._which(lanes)
+        rows = np.ascontiguousarray(self._memory.rows[which // LANES, :, which % LANES])
+        return rows.view(self.lane_type)[:, 0]
+
+    def restore(self, rows: npt.NDArray[np.void], lanes: npt.ArrayLike | None = None) -> None:
+        """Put simulations into a state from `snapshot`, of this fleet or another; they go on from it bit for bit.
+
+        Args:
+            rows: Records of `lane_type`, one for each of ``lanes`` or one for all of them.
+            lanes: Indices of n simulations, by default all.
+
+        Raises:
+            ValueError: ``lanes`` isn't allowed, there are neither one nor n rows, or their layout is that of a scenario
+                with another number of pulses or of another version; nothing has changed.
+        """
+        which = self._which(lanes)
+        numbers = self._numbers_of(rows, which.size)
+        self._memory.rows[which // LANES, :, which % LANES] = numbers
+        self._seeded[which] = True
+
+    def _numbers_of(self, rows: npt.NDArray[np.void], count: int) -> Array:
+        """Records as plain numbers, shape (1 or count, rows)."""
+        if not isinstance(rows, np.ndarray) or rows.dtype != self.lane_type:
+            raise ValueError(
+                "rows are not of this fleet's layout; they must come from the snapshot() of a fleet whose scenario has "
+                f"{len(self.scenario.sea.pulses)} pulses, in this version of the package."
+            )
+        if rows.shape not in ((), (1,), (count,)):
+            raise ValueError(f"rows have shape {rows.shape}; it must be (1,) or ({count},).")
+        flat = np.ascontiguousarray(np.atleast_1d(rows)).view(np.float64)
+        return flat.reshape(-1, self._memory.rows.shape[1])
+
+    def believe(
+        self,
+        lanes: npt.ArrayLike | None = None,
+        *,
+        pose: npt.ArrayLike,
+        velocity: npt.ArrayLike,
+        ship_pose: npt.ArrayLike,
+        ship_velocity: npt.ArrayLike,
+        ship_turn_rad_s: npt.ArrayLike = 0.0,
+        current: npt.ArrayLike = (0.0, 0.0),
+        time_s: float = 0.0,
+    ) -> None:
+        """Put simulations where they are believed to be, without anything that only the simulator knows.
+
+        Best on a fleet of `Scenario.known`: all that isn't believed is what its scenario says. The ship's motion is
+        carried on (see `CarriedOnPath`), the current stays as it is. Arguments are for all simulations, or one a
+        simulation with a first axis of length N.
+
+        Args:
+            lanes: Indices of the simulations, by default all.
+            pose: The AUV's x, y and yaw in the earth frame, (3,) [m, m, rad].
+            velocity: Its surge, sway and yaw rate, (3,) [m/s, m/s, rad/s].
+            ship_pose: The ship's x, y and yaw, (3,) [m, m, rad].
+            ship_velocity: Its velocity along x and y and its yaw rate, (3,) [m/s, m/s, rad/s].
+            ship_turn_rad_s: Rate at which its course turns [rad/s].
+            current: Velocity of the water in the earth frame, (2,) [m/s].
+            time_s: Time in the episode [s], which is taken to the nearest whole control period.
+
+        Raises:
+            ValueError: An argument has another shape or isn't finite; nothing has changed.
+        """
+        which = self._which(lanes)
+        poses = self._start_values("pose", pose, 3)
+        velocities = self._start_values("velocity", velocity, 3)
+        ship_poses = self._start_values("ship_pose", ship_pose, 3)
+        ship_velocities = self._start_values("ship_velocity", ship_velocity, 3)
+        water = self._start_values("current", current, 2)
+        turn = self._start_values("ship_turn_rad_s", np.asarray(ship_turn_rad_s)[..., None], 1)
+        if not (np.isfinite(time_s) and time_s >= 0.0):
+            raise ValueError(f"time_s = {time_s!r} is not allowed; it must be a number of at least 0 [s].")
+        period = self.scenario.episode.control_period_s
+        step = round(time_s / period)
+        numbers = {
+            "drawn.current.speed_mps": np.hypot(*water.T),
+            "drawn.current.direction_rad": np.arctan2(water[:, 1], water[:, 0]),
+            "drawn.current.std_mps": 0.0,
+            "drawn.ship.kind": CARRIED_ON,
+            "drawn.ship.x_m": ship_poses[:, 0],
+            "drawn.ship.y_m": ship_poses[:, 1],
+            "drawn.ship.course_rad": np.arctan2(ship_velocities[:, 1], ship_velocities[:, 0]),
+            "drawn.ship.speed_mps": np.hypot(*ship_velocities[:, :2].T),
+            "drawn.ship.turn_rad_s": turn[:, 0],
+            "drawn.ship.yaw_rad": ship_poses[:, 2],
+            "drawn.ship.yaw_rate_rad_s": ship_velocities[:, 2],
+            "drawn.ship.moment_s": step * period,
+        }
+        if water.any():
+            self._memory.world["current"]["acts"] = 1.0
+        rows = np.array([layout.ROW[name] for name in numbers])
+        only = np.full(rows.size, -1)
+        values = np.array([np.broadcast_to(value, self.size) for value in numbers.values()])
+        unseen = np.empty((self.size, observation.SIZE), dtype=np.float32)
+        paths = np.zeros(self.size)
+        paper.reset(self._memory.array, which, float(step), poses, velocities, paths, rows, only, values, unseen)
+
+    def rollout(self, rows: npt.NDArray[np.void], actions: npt.ArrayLike) -> Rollout:
+        """Fly copies of states through actions, without observations and without touching the fleet's simulations.
+
+        A copy whose episode ends earns nothing more; the others fly on.
+
+        Args:
+            rows: Where flights begin: records of `lane_type` from `snapshot`, one for all or one for each.
+            actions: Shape (K, H, 3) for K flights of up to H control periods; clipped to [-1, 1].
+
+        Raises:
+            ValueError: ``rows`` have another layout or number, or the actions another shape or aren't finite.
+        """
+        try:
+            given = np.asarray(actions, dtype=np.float32)
+        except (TypeError, ValueError):
+            given = np.empty(0, dtype=np.float32)
+        if given.ndim != 3 or given.shape[2] != action.SIZE or not np.isfinite(given).all():
+            raise ValueError(
+                f"actions of shape {given.shape} are not allowed; they must be finite and of shape "
+                f"(K, H, {action.SIZE})."
+            )
+        count = len(given)
+        found = Rollout(np.empty(count), np.empty(count), np.empty(count), np.empty(count, dtype=np.int64))
+        scratch = np.zeros(self._memory.rows.shape[1] * STRIDE)
+        in_time = np.ascontiguousarray(given.transpose(1, 0, 2))
+        paper.rollout(self._memory.array, scratch, self._numbers_of(rows, count), in_time, *found)
+        return found
 
     def _chosen(self, parameters: Mapping[str, npt.ArrayLike]) -> tuple[list[Drawn], Array, Array]:
         """The numbers that aren't to be drawn, their values by simulation, and the ship's paths by simulation."""
@@ -193,6 +347,11 @@ class Fleet:
         """Whether any simulation has been reset."""
         return bool((self._get("random", "episode")[self._seeded] >= 0.0).any())
 
+    @property
+    def ended(self) -> npt.NDArray[np.bool_]:
+        """Whether each simulation's episode is over, shape (N,)."""
+        return self._get("ending", "ended") > 0.0
+
     def push(self, lanes: npt.NDArray[np.int64], impulse: npt.ArrayLike) -> None:
         """Change the AUVs' velocities at once, by an impulse over their true masses.
 
@@ -214,17 +373,17 @@ class Fleet:
             after = self._get("auv", velocity) + own * self._get("auv", inverse)
             self._set("auv", velocity, lanes, after[lanes])
 
-    def _start_values(self, name: str, value: npt.ArrayLike | None) -> Array:
+    def _start_values(self, name: str, value: npt.ArrayLike | None, width: int) -> Array:
         if value is None:
-            return np.full((self.size, 3), np.nan)
+            return np.full((self.size, width), np.nan)
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
             array = np.empty(0)
-        if array.shape not in ((3,), (self.size, 3)) or not np.isfinite(array).all():
-            shapes = "(3,)" if self.size == 1 else f"(3,) or ({self.size}, 3)"
-            raise ValueError(f"options[{name!r}] = {value!r} is not allowed; it must be finite and of shape {shapes}.")
-        return np.ascontiguousarray(np.broadcast_to(array, (self.size, 3)))
+        if array.shape not in ((width,), (self.size, width)) or not np.isfinite(array).all():
+            shapes = f"({width},)" if self.size == 1 else f"({width},) or ({self.size}, {width})"
+            raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and of shape {shapes}.")
+        return np.ascontiguousarray(np.broadcast_to(array, (self.size, width)))
 
     def observe(self) -> npt.NDArray[np.float32]:
         """The present observation of every simulation, noise included, shape (N, 20)."""
@@ -288,7 +447,7 @@ class Fleet:
     def _step_in_threads(self, arguments: tuple[Any, ...]) -> int:
         if not np.isfinite(arguments[1]).all():
             return paper.NOT_FINITE
-        if self.autoreset is Autoreset.DISABLED and self._get("ending", "ended").any():
+        if self.autoreset is Autoreset.DISABLED and self.ended.any():
             return paper.HAS_ENDED
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads)
@@ -305,7 +464,7 @@ class Fleet:
                 f"action {actions[index].tolist()} of simulation {index} is not allowed; it must be finite "
                 "(numbers beyond [-1, 1] are clipped)."
             )
-        ended = np.flatnonzero(self._get("ending", "ended")).tolist()
+        ended = np.flatnonzero(self.ended).tolist()
         raise RuntimeError(f"the episodes of simulations {ended[:10]} have ended; reset them before stepping on.")
 
     def close(self) -> None:

@@ -68,9 +68,9 @@ def _draw_numbers(memory, world, s, b, j, alternative) -> None:
 
 
 @subroutine
-def _begin_episode(memory, world, b, j) -> None:
-    """Put the lane at time 0 of the episode whose numbers it has drawn."""
-    ending.begin(b, j)
+def _begin_episode(memory, world, b, j, at_step) -> None:
+    """Put the lane at the beginning, or a later step, of the episode whose numbers it has drawn."""
+    ending.begin(b, j, at_step, world)
     action.begin(b, j)
     sensors.begin(b, j, world)
     vehicle.begin(b, j, world)
@@ -200,13 +200,13 @@ def _restart(memory, world, s, b, j, entries, lane) -> None:
     """Begin the lane's next episode."""
     b.random.episode[j] += 1.0
     _draw_numbers(memory, world, s, b, j, -1.0)
-    _begin_episode(memory, world, b, j)
+    _begin_episode(memory, world, b, j, 0.0)
     _show_start(memory, world, s, b, j, entries, lane)
 
 
 @compiled
-def reset(memory, lanes, poses, velocities, alternatives, rows, only, chosen, observations):
-    """Begin the episode that each of ``lanes`` is marked with.
+def reset(memory, lanes, at_step, poses, velocities, alternatives, rows, only, chosen, observations):
+    """Begin the episode that each of ``lanes`` is marked with, at the step ``at_step``.
 
     Numbers in the other arrays, one a lane, replace drawn ones: the ship's path where ``alternatives`` isn't negative,
     poses and velocities that are numbers, and ``chosen`` for each of ``rows`` that belongs to the path.
@@ -223,7 +223,7 @@ def reset(memory, lanes, poses, velocities, alternatives, rows, only, chosen, ob
         for i in range(rows.size):
             if only[i] < 0 or only[i] == b.drawn.ship.choice[j]:
                 s[rows[i] * STRIDE + j] = chosen[i, lane]
-        _begin_episode(memory, world, b, j)
+        _begin_episode(memory, world, b, j, at_step)
         a = b.auv
         if poses[lane, 0] == poses[lane, 0]:
             a.x[j], a.y[j], a.yaw[j] = poses[lane, 0], poses[lane, 1], poses[lane, 2]
