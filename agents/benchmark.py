@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from uwoc_gym.agents import report
+from uwoc_gym.agents import report, statistics
 from uwoc_gym.agents.command import CommandError, naming, output_folder, require, seconds, whole, write_text
 from uwoc_gym.agents.evaluate import POLICIES, Policy, Series, batches, draws, fly, load, load_scenario
 from uwoc_gym.parameters import SettingError
@@ -77,7 +77,8 @@ def run(args: argparse.Namespace) -> int:
     text = report.table(data) if data else ""
     print(text, end="")
     if folder is not None:
-        report.write_json(folder / "results.json", _document(args, scenarios, data, not interrupted, begun))
+        document = _document(args, scenarios, data, not interrupted, begun)
+        report.write_results(folder, args.command_line, scenarios, document)
         write_text(folder / "table.md", text)
         for name, series in flown.items():
             report.figure(folder / f"{name}.png", name, scenarios[name], series)
@@ -149,16 +150,14 @@ def _document(
     begun: float,
 ) -> dict[str, Any]:
     return {
-        "command": args.command_line,
         "finished": finished,
-        "versions": report.versions(),
         "settings": {
             "seeds": list(range(args.seed, args.seed + args.seeds)),
             "batch": args.batch,
             "control_period_s": {name: each.episode.control_period_s for name, each in scenarios.items()},
             "policies": [str(Path(name)) if name.endswith(".zip") else name for name in args.policy],
             "scenarios": {name: each.to_dict() for name, each in scenarios.items()},
-            "interval": "95 % bootstrap: of means BCa or percentile, 5000 resamples; of differences percentile, 2000",
+            "interval": statistics.INTERVAL,
         },
         "wall_time_s": round(time.perf_counter() - begun, 3),
         "results": data,

@@ -67,6 +67,8 @@ class _Problem(NamedTuple):
     file: str
     text: Callable[[Tried], str]
     """A file to use the best point with, and what it holds."""
+    scenarios: Mapping[str, Scenario]
+    """What is flown."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,9 +107,7 @@ def run(args: argparse.Namespace) -> int:
     )
     write_text(folder / problem.file, problem.text(found.best))
     document = {
-        "command": args.command_line,
         "finished": found.finished,
-        "versions": report.versions(),
         "target": args.target,
         "variant": args.variant,
         "trials": found.trials,
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
         "found": found.best.values,
         **problem.write(found.best),
     }
-    report.write_json(folder / "results.json", document)
+    report.write_results(folder, args.command_line, problem.scenarios, document)
     print(f"score {found.best.score:.6g} after {found.trials} trials; found:")
     for name, value in {**found.best.values, **found.best.outcome}.items():
         print(f"  {name:<32} {value:.6g}")
@@ -166,6 +166,7 @@ def nlpd_problem() -> _Problem:
         lambda best: {"published": PUBLISHED["nominal", "NLPD"]._asdict(), "flown": best.outcome},
         "gains.json",
         lambda best: report.json_text(asdict(nlpd_gains(best.values))),
+        {SCENARIOS["nominal"]: scenario},
     )
 
 
@@ -222,6 +223,7 @@ def case_problem(case: str, variant: str) -> _Problem:
         },
         "scenario.json",
         scenario_text,
+        {SCENARIOS[case]: full, f"{SCENARIOS[case]}, PD's plant": pd_side[1]},
     )
 
 

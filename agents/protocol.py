@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import multiprocessing
 import shutil
 import subprocess
@@ -24,7 +23,6 @@ from uwoc_gym.agents.command import CommandError, naming, output_folder, require
 from uwoc_gym.agents.evaluate import Policy, batches, draws, fly, load, load_scenario
 from uwoc_gym.agents.hyperparameters import ALGORITHMS
 from uwoc_gym.agents.seeds import HELD_OUT
-from uwoc_gym.agents.statistics import Estimate
 from uwoc_gym.observation import SIZE
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
@@ -127,8 +125,6 @@ def run(args: argparse.Namespace) -> int:
     policies |= {group: [str(path) for path in own] for group, own in members.items()}
     scores = _fly(args, scenarios, policies)
     results: dict[str, Any] = {
-        "command": args.command_line,
-        "versions": report.versions(),
         "held_out_seeds": args.seeds,
         "groups": {
             group: {
@@ -137,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
             }
             for group, own in members.items()
         },
-        "scenarios": {name: _compared(own) for name, own in scores.items()},
+        "results": {name: compared(own) for name, own in scores.items()},
         "microseconds_a_decision": {name: round(_decision_time(load(own[0])), 1) for name, own in policies.items()},
     }
     arrays: dict[str, Any] = {
@@ -148,12 +144,12 @@ def run(args: argparse.Namespace) -> int:
     }
     np.savez_compressed(folder / "scores.npz", **arrays)
     results["wall_time_s"] = round(time.perf_counter() - begun, 1)
-    report.write_json(folder / "results.json", results)
+    report.write_results(folder, args.command_line, scenarios, results)
     for name, by_policy in scores.items():
         if by_policy[REFERENCE]["return"].shape[1] > 1:
             returns = {policy: measures["return"] for policy, measures in by_policy.items()}
             report.profiles(folder / f"profile-{name}.png", name, returns, scenarios[name])
-    text = benchmark_text(results)
+    text = benchmark_text(args.command_line, results)
     write_text(folder / "BENCHMARK.md", text)
     print(text, end="")
     return 0
@@ -295,7 +291,7 @@ def _rows(member: str, scenario: Scenario, seeds: Sequence[int]) -> list[dict[st
     return [row for batch in batches(seeds, 200) for row in fly(policy, scenario, batch).metrics.rows()]
 
 
-def _compared(own: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:
+def compared(own: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:
     """Each policy's measures, and how it stands against the reference."""
     reference = own[REFERENCE]["return"]
     found: dict[str, Any] = {}
@@ -312,25 +308,9 @@ def _compared(own: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:
             "return_worst": statistics.estimate(returns, statistics.worst_share, rng)._asdict(),
             "difference": statistics.estimate(difference, statistics.mean, rng)._asdict(),
             "improvement": statistics.estimate(difference, statistics.improvement, rng)._asdict(),
-            "measures": {
-                measure.key: _estimate_finite(measures[measure.key], rng)._asdict() for measure in report.MEASURES
-            },
+            "measures": report.summaries(measures, 0),
         }
     return found
-
-
-def _estimate_finite(scores: Array, rng: np.random.Generator) -> Estimate:
-    """Mean of what is finite, since a measure may not apply to every episode."""
-    finite = np.isfinite(scores)
-    if not finite.any():
-        return Estimate(math.nan, math.nan, math.nan)
-
-    def mean(chosen: Array) -> float:
-        own = chosen[np.isfinite(chosen)]
-        # A resample may hold no episode to which the measure applies.
-        return float(own.mean()) if own.size else float(scores[finite].mean())
-
-    return statistics.estimate(scores, mean, rng, 500)
 
 
 def _decision_time(policy: Policy, calls: int = 300) -> float:
@@ -347,18 +327,19 @@ def _decision_time(policy: Policy, calls: int = 300) -> float:
     return 1e6 * float(np.median(times))
 
 
-def benchmark_text(results: Mapping[str, Any]) -> str:
+def benchmark_text(command: str, results: Mapping[str, Any]) -> str:
     """The benchmark as Markdown."""
     parts = [
         "# Benchmark",
-        f"Written by `{results['command']}`. Every policy flies the same {results['held_out_seeds']} held-out seeds, "
+        f"Written by `{command}`. Every policy flies the same {results['held_out_seeds']} held-out seeds, "
         "which no training, tuning or choice of a model has seen, on the same observations and actuators. IQM: "
         "interquartile mean. In brackets: 95 % bootstrap intervals over training seeds and scenario seeds. Difference "
         f"and probability of improvement: in return against `{REFERENCE}`, episode by episode. Worst: mean of the "
-        "worst 5 % of episodes. Measures that don't apply to an episode, such as a restoring time without a "
-        "disturbance, are left out of its mean. A scenario in which nothing is drawn is flown once by each policy.",
+        "worst 5 % of episodes. (m of n never): in m of n episodes, over all trainings, it doesn't come to that, as "
+        "when a link isn't restored; the mean is over the others. (k of n): the measure applies to k of n episodes; "
+        "–: to none. A scenario in which nothing is drawn is flown once by each policy.",
     ]
-    for scenario, own in results["scenarios"].items():
+    for scenario, own in results["results"].items():
         header = ["", *own]
         first = ("trainings", "episodes")
         lines = [[key, *(str(entry[key]) for entry in own.values())] for key in first]
@@ -387,9 +368,9 @@ def benchmark_text(results: Mapping[str, Any]) -> str:
         runs = entry["trainings"]
         minutes = np.array([each["wall_time_s"] for each in runs]) / 60.0
         speed = np.array([each["steps_per_s"] for each in runs])
-        command = " ".join(["uwoc-gym train", *entry["arguments"]])
+        words = " ".join(["uwoc-gym train", *entry["arguments"]])
         lines.append(
-            [group, f"`{command}`", str(len(runs)), f"{runs[0]['settings']['n_timesteps']:,}", f"{minutes.mean():.1f}",
+            [group, f"`{words}`", str(len(runs)), f"{runs[0]['settings']['n_timesteps']:,}", f"{minutes.mean():.1f}",
              f"{speed.mean():,.0f}"]
         )  # fmt: skip
     parts.append(report.grid(["group", "command", "trainings", "steps", "minutes each", "steps/s"], lines))

@@ -90,7 +90,7 @@ def page_data(wanted: episode.Episode, flights: dict[str, Flight], start_s: floa
         "ship": _path(longest.ship_pose[::stride]),
         "policies": [_policy(name, flight, stride) for name, flight in flights.items()],
         "outcome": [
-            [measure.heading, *(_outcome(row[measure.key], measure.digits) for row in rows)]
+            [measure.heading, *(measure.text(row[measure.key]) for row in rows)]
             for measure in report.MEASURES
             if measure.key != "lost"
         ]
@@ -133,9 +133,3 @@ def _policy(name: str, flight: Flight, stride: int) -> dict[str, Any]:
 
 def _rounded(values: Any, digits: int) -> Any:
     return np.round(values, digits).tolist()
-
-
-def _outcome(value: float, digits: int) -> str:
-    if math.isfinite(value):
-        return f"{value:.{digits}f}"
-    return "never" if math.isinf(value) else "–"

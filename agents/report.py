@@ -9,7 +9,6 @@ import math
 import platform
 import shlex
 import sys
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -32,12 +31,20 @@ class Measure(NamedTuple):
     key: str
     heading: str
     digits: int
+    nan_is_never: bool = False
+    """Whether nan says never rather than that the measure doesn't apply; infinity always does."""
+
+    def text(self, value: float) -> str:
+        """One episode's value as a table shows it."""
+        if math.isfinite(value):
+            return f"{value:.{self.digits}f}"
+        return "never" if statistics.says_never(value, self.nan_is_never) else "–"
 
 
 MEASURES = (
     Measure("return", "return", 1),
-    Measure("arrival_time_s", "t_a [s]", 2),
-    Measure("establishment_time_s", "t_b [s]", 2),
+    Measure("arrival_time_s", "t_a [s]", 2, nan_is_never=True),
+    Measure("establishment_time_s", "t_b [s]", 2, nan_is_never=True),
     Measure("restoring_time_s", "Δt [s]", 2),
     Measure("rmse_x_m", "RMSE x [m]", 4),
     Measure("rmse_y_m", "RMSE y [m]", 4),
@@ -51,42 +58,24 @@ MEASURES = (
 """The rows of the table, by the keys of an episode's row."""
 
 
-class Summary(NamedTuple):
-    """A measure over episodes: the mean of the finite values and its 95 % bootstrap interval."""
+def summaries(scores: Mapping[str, npt.ArrayLike], seed: int) -> dict[str, dict[str, Any]]:
+    """Each of `MEASURES` over episodes, by its key, as plain data.
 
-    mean: float
-    low: float
-    """Lower end of the interval; nan where there are fewer than two finite values."""
-    high: float
-    finite: int
-    """Episodes with a finite value."""
-    infinite: int
-    """Episodes with an infinite one: a link that was never restored."""
-    episodes: int
+    Args:
+        scores: By measure, shape (R, S), training seeds by scenario seeds, or (S,); those without are left out.
+        seed: The same seed resamples alike.
+    """
+    rng = np.random.default_rng(seed)
+    return {
+        measure.key: statistics.summarise(scores[measure.key], rng, measure.nan_is_never)._asdict()
+        for measure in MEASURES
+        if measure.key in scores
+    }
 
 
-def summarise(values: npt.ArrayLike, rng: np.random.Generator) -> Summary:
-    """Mean and 95 % bootstrap interval (BCa, or percentile where BCa isn't defined) of the finite values."""
-    given = np.asarray(values, dtype=float)
-    finite = given[np.isfinite(given)]
-    counts = (finite.size, int(np.isinf(given).sum()), given.size)
-    if finite.size < 2:
-        return Summary(float(finite[0]) if finite.size else math.nan, math.nan, math.nan, *counts)
-    mean = float(finite.mean())
-    # Equal values, to rounding, have no spread to resample.
-    if np.ptp(finite) <= 1e-12 * np.abs(finite).max():
-        return Summary(mean, mean, mean, *counts)
-    from scipy.stats import bootstrap
-
-    low = high = math.nan
-    for method in ("BCa", "percentile"):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            result = bootstrap((finite,), np.mean, n_resamples=5000, batch=100, method=method, rng=rng)
-        low, high = (float(end) for end in result.confidence_interval)
-        if math.isfinite(low) and math.isfinite(high):
-            break
-    return Summary(mean, low, high, *counts)
+def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
+    """The measures of episodes by key."""
+    return {key: [row[key] for row in rows] for key in (rows[0] if rows else ())}
 
 
 class Result(NamedTuple):
@@ -97,11 +86,6 @@ class Result(NamedTuple):
     rows: list[dict[str, float]]
     collapsed: bool
     """Whether one episode stands for all seeds, because they don't differ."""
-
-    def summaries(self, seed: int) -> dict[str, Summary]:
-        """Each measure over the episodes; the same seed resamples alike."""
-        rng = np.random.default_rng(seed)
-        return {measure.key: summarise([row[measure.key] for row in self.rows], rng) for measure in MEASURES}
 
 
 def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tuned") -> list[dict[str, Any]]:
@@ -119,8 +103,8 @@ def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tu
             "policy": result.policy,
             "episodes": len(result.rows),
             "one_episode_stands_for_all_seeds": result.collapsed,
-            "measures": {key: summary._asdict() for key, summary in result.summaries(seed).items()},
-            "return_worst": statistics.worst_share([row["return"] for row in result.rows]),
+            "measures": summaries(columns(result.rows), seed),
+            "return_worst": float(statistics.worst_share([row["return"] for row in result.rows])),
             "against": _against(result, partners.get(result.scenario), seed),
         }
         for result in results
@@ -140,18 +124,6 @@ def _against(result: Result, partner: Result | None, seed: int) -> dict[str, Any
     }
 
 
-def _cell(measure: Measure, summary: Mapping[str, Any], nobody: str = "–") -> str:
-    digits, mean = measure.digits, summary["mean"]
-    if not math.isfinite(mean):
-        return "never restored" if summary["infinite"] else nobody
-    text = f"{mean:.{digits}f}"
-    if math.isfinite(summary["low"]) and summary["episodes"] > 1:
-        text += f" [{summary['low']:.{digits}f}, {summary['high']:.{digits}f}]"
-    if summary["finite"] < summary["episodes"]:
-        text += f" ({summary['finite']} of {summary['episodes']})"
-    return text
-
-
 def table(data: Sequence[Mapping[str, Any]]) -> str:
     """The results as Markdown: for each scenario a table with a row per measure and a column per policy."""
     parts = []
@@ -160,7 +132,10 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
         header = ["", *(entry["policy"] for entry in own)]
         lines = [["episodes", *(str(entry["episodes"]) for entry in own)]]
         lines += [
-            [measure.heading, *(_cell(measure, entry["measures"][measure.key]) for entry in own)]
+            [
+                measure.heading,
+                *(statistics.text(entry["measures"][measure.key], measure.digits) for entry in own),
+            ]
             for measure in MEASURES
         ]
         lines.insert(2, ["return, worst 5 %", *(f"{entry['return_worst']:.1f}" for entry in own)])
@@ -178,10 +153,10 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
     parts.append(
         "Means over episodes with 95 % bootstrap intervals in brackets. t_a: arrival in the cone; t_b: inside for "
         "good, or until the first disturbance; Δt: from leaving the cone after the first disturbance to being back "
-        "for good, 0 without an outage; "
-        "RMSE: from arrival on; availability: share of time inside; effort: RMS of force over limit. (k of n): the "
-        "measure exists in k of n episodes. –: in none. return − X: mean of the difference in return, episode by "
-        "episode; P(> X): probability that an episode's return is the higher one.\n"
+        "for good, 0 without an outage; RMSE: from arrival on; availability: share of time inside; effort: RMS of "
+        "force over limit. (m of n never): in m of n episodes it doesn't come to that; the mean is over the others. "
+        "(k of n): the measure applies to k of n episodes; –: to none. return − X: mean of the difference in return, "
+        "episode by episode; P(> X): probability that an episode's return is the higher one.\n"
     )
     return "\n".join(parts)
 
@@ -210,23 +185,42 @@ def command_line(argv: Sequence[str] | None) -> str:
     return shlex.join(["uwoc-gym", *(sys.argv[1:] if argv is None else argv)])
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """JSON knows no numbers that aren't finite: they become null."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def json_text(data: Mapping[str, Any]) -> str:
     """The data as JSON, in which numbers that aren't finite are null."""
-    return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
     """Write a JSON file whole or not at all."""
     write_text(path, json_text(data))
+
+
+def write_results(
+    folder: Path, command: str, scenarios: Mapping[str, Scenario | None], document: Mapping[str, Any]
+) -> None:
+    """Write a command's ``results.json``, whole or not at all.
+
+    Args:
+        folder: Where it goes.
+        command: The command line that it comes from.
+        scenarios: The full scenarios that it speaks of, by name; it gets their digests, so that two of one name can't
+            be taken for each other. None for one that isn't this package's.
+        document: What else it says.
+    """
+    digests = {name: scenario.digest() for name, scenario in scenarios.items() if scenario is not None}
+    head = {"command": command, "versions": versions(), "scenarios": digests}
+    taken = head.keys() & document.keys()
+    assert not taken, taken
+    write_json(folder / "results.json", {**head, **document})
 
 
 class EpisodesFile:

@@ -100,13 +100,17 @@ def run(args: argparse.Namespace) -> int:
 
     folder = output_folder(args.out)
     begun = time.perf_counter()
-    results: dict[str, Any] = {"command": args.command_line, "finished": False, "versions": report.versions()}
+    results: dict[str, Any] = {}
+    scenarios: dict[str, Scenario] = {}
     figures: dict[str, Callable[[], Any]] = {}
     stages: list[tuple[str, Callable[[], None]]] = [
         ("link", lambda: _link(results, figures)),
-        ("printed cases", lambda: _cases(results, figures)),
-        ("pulse sweep", lambda: _sweep(results, figures)),
-        *((f"calibrated {TITLES[case]}", partial(_calibrated, case, results, figures)) for case in CALIBRATED),
+        ("printed cases", lambda: _cases(results, figures, scenarios)),
+        ("pulse sweep", lambda: _sweep(results, figures, scenarios)),
+        *(
+            (f"calibrated {TITLES[case]}", partial(_calibrated, case, results, figures, scenarios))
+            for case in CALIBRATED
+        ),
     ]
     with tqdm(total=len(stages), file=sys.stderr, unit="part") as bar:
         for name, stage in stages:
@@ -118,12 +122,11 @@ def run(args: argparse.Namespace) -> int:
             bar.set_description(name)
             paper_figures.save(draw(), folder, name)
             bar.update()
-    results["finished"] = True
     blocks = report_blocks(results)
     write_text(folder / "report.md", markdown(blocks))
     write_text(folder / "report.html", page("The paper's figures and tables, flown again", blocks, folder))
-    results["wall_time_s"] = round(time.perf_counter() - begun, 3)
-    report.write_json(folder / "results.json", results)
+    document = {"finished": True, **results, "wall_time_s": round(time.perf_counter() - begun, 3)}
+    report.write_results(folder, args.command_line, scenarios, document)
     for block in blocks:
         if isinstance(block, Table) and "RMSE" in block.header[1]:
             print(f"{report.grid(block.header, block.rows)}\n")
@@ -217,7 +220,7 @@ def _case_figures(
     )
 
 
-def _cases(results: dict[str, Any], figures: dict[str, Callable[[], Any]]) -> None:
+def _cases(results: dict[str, Any], figures: dict[str, Callable[[], Any]], scenarios: dict[str, Scenario]) -> None:
     """All variants through the three cases as printed: one flight per plant."""
     pulse = np.array([0.0, 350.0, 350.0])
     masses = np.array([1.0, 1.0, 1.2])
@@ -228,6 +231,7 @@ def _cases(results: dict[str, Any], figures: dict[str, Callable[[], Any]]) -> No
         scenario = paper.sampled_as_published(
             Scenario().merged({**_SWEPT, "vehicle": {"mass_scale": (1.0, 1.2), "coriolis": coriolis}})
         )
+        scenarios[f"cases as printed, {'full plant' if coriolis else 'no Coriolis terms'}"] = scenario
         laws = [variant.gains for variant in own for _ in CASES]
         chosen = {**_pulse(np.tile(pulse, len(own))), "vehicle.mass_scale": np.tile(masses, len(own))}
         flight = _fly(scenario, laws, [0] * len(laws), chosen)
@@ -324,12 +328,13 @@ def _lyapunov(
     figures["lyapunov"] = partial(paper_figures.lyapunov, record.time_s[::10], curves)
 
 
-def _sweep(results: dict[str, Any], figures: dict[str, Callable[[], Any]]) -> None:
+def _sweep(results: dict[str, Any], figures: dict[str, Callable[[], Any]], scenarios: dict[str, Scenario]) -> None:
     """Both printed laws through pulses of growing size."""
     laws = {"PD, as printed": gains("paper-pd"), "NLPD, as printed": gains("paper")}
     n = PULSE_SIZES_N.size
     duration = 45.0
     scenario = paper.sampled_as_published(Scenario().merged({**_SWEPT, "episode": {"duration_s": duration}}))
+    scenarios["pulse sweep"] = scenario
     each = [law for law in laws.values() for _ in range(n)]
     flight = _fly(scenario, each, [0] * len(each), _pulse(np.tile(PULSE_SIZES_N, len(laws))))
     after = flight.record.time_s >= 30.0
@@ -365,7 +370,9 @@ def _sweep(results: dict[str, Any], figures: dict[str, Callable[[], Any]]) -> No
     figures["measures"] = partial(paper_figures.measures, track, cone.slant_height_m, cone.height_m, marks, restoring_s)
 
 
-def _calibrated(case: str, results: dict[str, Any], figures: dict[str, Callable[[], Any]]) -> None:
+def _calibrated(
+    case: str, results: dict[str, Any], figures: dict[str, Callable[[], Any]], scenarios: dict[str, Scenario]
+) -> None:
     """PD and NLPD, as their nominal rows came out, through a case's calibrated scenario, over seeds of the noise."""
     known = CALIBRATED[case]
     scenario = paper.sampled_as_published(Scenario.named(known.scenario))
@@ -377,6 +384,7 @@ def _calibrated(case: str, results: dict[str, Any], figures: dict[str, Callable[
     residuals = []
     shown = []
     for law, (label, gain_set, plant) in sides.items():
+        scenarios[f"{known.scenario}, {law}'s plant"] = plant
         flight = _fly(plant, [gain_set] * len(NOISE_SEEDS), NOISE_SEEDS, None)
         shown.append(_track(flight, 0, label))
         record = flight.record

@@ -49,12 +49,10 @@ def run(args: argparse.Namespace) -> int:
     print(report.table(data), end="")
     if folder is not None:
         document = {
-            "command": args.command_line,
-            "versions": report.versions(),
             "settings": {"policy": policy.name, "seeds": list(seeds), "scenario": scenario.to_dict()},
             "wall_time_s": round(time.perf_counter() - begun, 3),
             "results": data,
             "episodes": [{"seed": seed, **row} for seed, row in zip(seeds, rows, strict=True)],
         }
-        report.write_json(folder / "results.json", document)
+        report.write_results(folder, args.command_line, {name: scenario}, document)
     return 0

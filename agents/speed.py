@@ -19,6 +19,7 @@ from uwoc_gym.baselines import NLPDController
 from uwoc_gym.block import MEASURES
 from uwoc_gym.fleet import Autoreset, Fleet, _step
 from uwoc_gym.observation import SIZE
+from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import SCENARIOS
 from uwoc_gym.spaces import ACTION_SIZE
 
@@ -286,6 +287,7 @@ def run(args: argparse.Namespace) -> int:
         print(_table(data), end="")
     if folder is not None:
         settings = {"rounds": args.rounds, "time_s": args.time, "seed": args.seed}
-        document = {"command": args.command_line, "versions": report.versions(), "settings": settings, **data}
-        report.write_json(folder / "results.json", document)
+        names = ["StrongPulse"] if args.render else [ENV_IDS[env_id] for env_id in ENVS]
+        scenarios = {name: SCENARIOS[name] for name in names}
+        report.write_results(folder, args.command_line, scenarios, {"settings": settings, **data})
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import signal
 import sys
@@ -285,9 +284,7 @@ class Run:
         """Write results.json and draw the learning curve."""
         plan, progress = self.plan, self.progress
         document = {
-            "command": self.command,
             "finished": progress.finished,
-            "versions": report.versions(),
             **plan.to_dict(),
             "validation_seeds": [VALIDATION[0], VALIDATION[plan.eval_episodes - 1]],
             "steps": progress.steps,
@@ -297,7 +294,8 @@ class Run:
             "baselines": self.baselines,
             "evaluations": progress.evaluations,
         }
-        report.write_json(self.folder / "results.json", document)
+        scenarios = {"evaluation": plan.task, "training": plan.practice}
+        report.write_results(self.folder, self.command, scenarios, document)
         title = f"{self._kind.name} on {plan.env_id}, seed {plan.seed}"
         report.learning_curve(self.folder / "curve.png", title, progress.evaluations, self.baselines)
 
@@ -454,14 +452,8 @@ def _after(steps: int, every: int) -> int:
 
 def _scores(rows: list[dict[str, float]]) -> dict[str, Any]:
     """Mean and interval of each measure over episodes."""
-    rng = np.random.default_rng(0)
-    keys = [measure.key for measure in report.MEASURES if measure.key in rows[0]]
-    scores = {key: report.summarise([row[key] for row in rows], rng)._asdict() for key in keys}
-    return {key: {name: _finite(value) for name, value in score.items()} for key, score in scores.items()}
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    found: dict[str, Any] = report.plain(report.summaries(report.columns(rows), 0))
+    return found
 
 
 def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[dict[str, float]]:

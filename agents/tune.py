@@ -108,13 +108,17 @@ def run(args: argparse.Namespace) -> int:
     begin: list[dict[str, float]] = []
     if controller:
         with naming("--scenario"):
-            name, scenario = load_scenario(args.scenario)
+            name, task = load_scenario(args.scenario)
+        scenario: Scenario | None = task
         box: Mapping[str, Dimension] = _PD_BOX if args.target == "pd" else _NLPD_BOX
-        evaluate = controller_score(scenario, args.seed, args.episodes)
-        problem |= {"scenario": scenario.to_dict(), "episodes": args.episodes}
+        evaluate = controller_score(task, args.seed, args.episodes)
+        problem |= {"scenario": task.to_dict(), "episodes": args.episodes}
         begin = [_point(gains(CONTROLLERS[args.target]), box)]
     else:
         name, box = args.env, LEARNERS[args.target]
+        from uwoc_gym.agents import vec_env
+
+        scenario = vec_env.base_scenario(args.env)
         evaluate = _learner_score(args, folder)
         problem |= {"env": args.env, "steps": args.steps}
     found = search(
@@ -132,9 +136,7 @@ def run(args: argparse.Namespace) -> int:
     )
     best = found.best
     document: dict[str, Any] = {
-        "command": args.command_line,
         "finished": found.finished,
-        "versions": report.versions(),
         **problem,
         "space": {key: each._asdict() for key, each in box.items()},
         "trials": found.trials,
@@ -144,12 +146,12 @@ def run(args: argparse.Namespace) -> int:
     }
     if controller:
         law = gains_of(best.values, args.command_line)
-        document["validation"] = _validation(law, scenario)
+        document["validation"] = _validation(law, task)
         write_text(folder / "gains.json", report.json_text(asdict(law)))
     else:
         trial = folder / f"trial-{int(best.outcome['trial']):04d}"
         write_text(folder / "settings.yaml", (trial / "settings.yaml").read_text(encoding="utf-8"))
-    report.write_json(folder / "results.json", document)
+    report.write_results(folder, args.command_line, {name: scenario}, document)
     print(f"{args.target} on {name}: score {best.score:.6g} after {found.trials} trials; found:")
     for key, value in {**best.values, **best.outcome, **document.get("validation", {})}.items():
         print(f"  {key:<28} {value:.6g}")

@@ -157,4 +157,7 @@ def test_case_search_writes_a_scenario_that_flies(tmp_path, monkeypatch):
     assert main(["calibrate", "case-2", "--trials", "4", "--batch", "2", "--out", str(out)]) == 0
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert results["trials"] == 4
+    assert results["scenarios"] == {
+        name: scenario.digest() for name, scenario in calibrate.case_problem("case-2", "found").scenarios.items()
+    }
     assert main(["benchmark", "--policy", "pd", "--scenario", str(out / "scenario.json"), "--seeds", "1"]) == 0

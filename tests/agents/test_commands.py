@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import sys
 import types
 from pathlib import Path
@@ -77,6 +78,7 @@ def test_benchmark_writes_what_it_prints(
         summary = entry["measures"]["return"]
         assert summary["mean"] == pytest.approx(np.mean(own))
         assert f"{summary['mean']:.1f} [{summary['low']:.1f}, {summary['high']:.1f}]" in table
+    assert results["scenarios"] == {"short": SHORT.digest()}
     picture = (out / "short.png").read_bytes()
     assert picture[:8] == b"\x89PNG\r\n\x1a\n"
     assert int.from_bytes(picture[16:20], "big") > 1000
@@ -273,29 +275,37 @@ def test_speed_reports_ratios(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     for row in results["rates"]:
         assert row["ratio"] == pytest.approx(row["steps_per_s"] / row["reference_steps_per_s"])
     assert results["memory"]["state_bytes"] > 0
+    assert results["scenarios"] == {name: Scenario.named(name).digest() for name in ("Nominal", "Random")}
 
 
 def test_speed_counts_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("pygame")
     assert main(["speed", "--render", "--rounds", "1", "--time", "0.1", "--out", str(tmp_path)]) == 0
     assert "pictures of 1280x720 per second" in capsys.readouterr().out
-    assert json.loads((tmp_path / "results.json").read_text())["pictures_per_s"] > 0
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["pictures_per_s"] > 0
+    assert results["scenarios"] == {"StrongPulse": Scenario.named("StrongPulse").digest()}
 
 
-def test_intervals_hold_their_mean_and_skip_what_is_not_finite() -> None:
-    values = np.random.default_rng(0).normal(5.0, 1.0, 30)
-    summary = report.summarise([*values, math.nan, math.inf], np.random.default_rng(1))
-    assert summary.low < summary.mean < summary.high
-    assert summary.mean == pytest.approx(values.mean())
-    assert (summary.finite, summary.infinite, summary.episodes) == (30, 1, 32)
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [([2.0, 2.0, 2.0], (2.0, 2.0, 2.0)), ([3.0], (3.0, math.nan, math.nan)), ([], (math.nan,) * 3)],
-)
-def test_intervals_of_degenerate_columns(values: list[float], expected: tuple[float, float, float]) -> None:
-    assert report.summarise(values, np.random.default_rng(0))[:3] == pytest.approx(expected, nan_ok=True)
+def test_the_benchmark_counts_what_says_never() -> None:
+    measures = {measure.key: 1.0 for measure in report.MEASURES}
+    rows = [
+        measures | {"arrival_time_s": math.nan, "restoring_time_s": math.nan},
+        measures | {"arrival_time_s": 2.0, "restoring_time_s": math.inf},
+        measures | {"arrival_time_s": 2.0, "restoring_time_s": 0.25},
+    ]
+    (found,) = report.results_data([report.Result("Random", "pd", rows, False)], 0)
+    counts = {key: (entry["values"], entry["never"], entry["episodes"]) for key, entry in found["measures"].items()}
+    assert counts["arrival_time_s"] == (2, 1, 3)
+    assert counts["restoring_time_s"] == (1, 1, 3)
+    assert counts["return"] == (3, 0, 3)
+    lines = {
+        line.split("|")[1].strip(): line.split("|")[2].strip()
+        for line in report.table([found]).split("\n")
+        if "|" in line
+    }
+    assert lines["t_a [s]"] == "2.00 (1 of 3 never)"
+    assert lines["Δt [s]"] == "0.25 (2 of 3, 1 of them never)"
 
 
 def test_evaluate_writes_what_it_prints(
@@ -305,6 +315,7 @@ def test_evaluate_writes_what_it_prints(
     assert main(["evaluate", "nlpd", *options]) == 0
     results = json.loads((tmp_path / "out/results.json").read_text())
     assert [row["seed"] for row in results["episodes"]] == [7, 8]
+    assert results["scenarios"] == {"short": SHORT.digest()}
     mean = results["results"][0]["measures"]["return"]["mean"]
     assert mean == pytest.approx(np.mean([row["return"] for row in results["episodes"]]))
     assert f"{mean:.1f} [" in capsys.readouterr().out
@@ -347,6 +358,13 @@ def test_a_policy_that_fails_is_named_in_one_line(
     last = capsys.readouterr().err.splitlines()[-1]
     assert "uwoc-gym benchmark: error: policy 'uwoc_policies_of_a_test:broken'" in last
     assert message in last
+
+
+def test_only_one_function_writes_results() -> None:
+    # It asks for the scenarios, so that none is spoken of without its digest.
+    sources = Path(report.__file__).parent.rglob("*.py")
+    writers = [path.name for path in sources if re.search(r"write_\w+\([^)]*results\.json", path.read_text("utf-8"))]
+    assert writers == ["report.py"]
 
 
 def test_readmes_tables_are_whole() -> None:

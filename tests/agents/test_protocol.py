@@ -41,10 +41,13 @@ def flown(tmp_path_factory):
 
 def test_every_policy_is_compared_with_the_reference(flown):
     results = json.loads((flown / "out/results.json").read_text())
-    own = results["scenarios"]["short"]
+    own = results["results"]["short"]
     assert set(own) == {*protocol.CONTROLLERS, "ppo", "td3"}
     assert own["ppo"]["trainings"] == 2
     assert own["ppo"]["episodes"] == 6
+    assert own["ppo"]["measures"]["arrival_time_s"]["episodes"] == 12
+    scenario = Scenario.from_json((flown / "short.json").read_text())
+    assert results["scenarios"] == {"short": scenario.digest()}
     assert own["nlpd-tuned"]["difference"]["value"] == 0.0
     assert own["ppo"]["difference"]["high"] < 0.0
     scores = np.load(flown / "out/scores.npz")
@@ -53,8 +56,23 @@ def test_every_policy_is_compared_with_the_reference(flown):
     assert scores["short/ppo/return"].shape == (2, 6)
 
 
+def test_what_says_never_is_counted():
+    returns, reference = np.ones((2, 3)), np.ones((1, 3))
+    measures = {measure.key: returns for measure in report.MEASURES} | {"steps": returns}
+    restoring = np.array([[np.inf, np.nan, 1.0], [2.0, 3.0, np.inf]])
+    own = {"ppo": measures | {"restoring_time_s": restoring}}
+    own["nlpd-tuned"] = dict.fromkeys(measures, reference) | {"arrival_time_s": np.array([[np.nan, 1.0, 1.0]])}
+    found = protocol.compared(own)
+    ppo = found["ppo"]["measures"]["restoring_time_s"]
+    assert (ppo["mean"], ppo["values"], ppo["never"], ppo["episodes"]) == (2.0, 3, 2, 6)
+    results = {"held_out_seeds": 3, "results": {"here": found}, "groups": {}, "microseconds_a_decision": {}}
+    text = protocol.benchmark_text("uwoc-gym protocol", results)
+    assert "(5 of 6, 2 of them never)" in text
+    assert "1.00 (1 of 3 never)" in text
+
+
 def test_same_runs_give_the_same_numbers(flown):
-    one, two = (json.loads((flown / name / "results.json").read_text())["scenarios"] for name in ("out", "again"))
+    one, two = (json.loads((flown / name / "results.json").read_text())["results"] for name in ("out", "again"))
     assert one == two
 
 

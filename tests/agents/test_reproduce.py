@@ -8,10 +8,11 @@ import struct
 
 import pytest
 
+from uwoc_gym import Scenario
 from uwoc_gym.agents import paper_figures
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.document import Heading, Paragraph, Picture, Table, markdown, page
-from uwoc_gym.baselines.paper import IMPROVEMENT, PUBLISHED, improvement
+from uwoc_gym.baselines.paper import IMPROVEMENT, PUBLISHED, improvement, sampled_as_published, without_coriolis
 
 LARGEST_RESIDUAL_PERCENT = {"case-1": 8.0, "case-2": 9.0}
 """Of the calibrated cases, over seeds of the noise that the search hasn't seen."""
@@ -33,6 +34,13 @@ def test_cone_is_the_published_one(results):
     cone = results["cone"]
     assert all(abs(value) < 0.1 for value in cone["surface"]["difference_percent"].values())
     assert cone["printed"]["slant_height_m"] == pytest.approx(3.644, abs=5e-4)
+
+
+def test_every_scenario_is_told_by_its_digest(results):
+    assert len(results["scenarios"]) == 7
+    plain = sampled_as_published(Scenario.named("PaperCaseI"))
+    assert results["scenarios"]["PaperCaseI, NLPD's plant"] == plain.digest()
+    assert results["scenarios"]["PaperCaseI, PD's plant"] == without_coriolis(plain).digest()
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,9 @@ def test_every_algorithm_trains_and_flies(algorithm: str, tmp_path: Path, capsys
     assert [each["steps"] for each in results["evaluations"]] == [0, 128, 256]
     assert results["command"].startswith("uwoc-gym train --algorithm")
     assert results["baselines"]["nlpd"]["return"]["mean"] > 0.0
+    assert results["scenarios"]["evaluation"] == SCENARIO.digest()
+    settings = results["settings"]["env_kwargs"].get("scenario", {})
+    assert results["scenarios"]["training"] == SCENARIO.merged(settings).merged(json.loads(SHORT)).digest()
     for name in ("settings.yaml", "run.json", "agent.json", "model.zip", "last.zip", "train.log"):
         assert (out / name).is_file()
     assert list((out / "tensorboard").iterdir())
@@ -358,7 +361,7 @@ def test_environments_of_others_train_too(tmp_path: Path) -> None:
     options += ["--env", "gymnasium:CartPole-v1", "--set", "env_kwargs={}", "--set", "normalize=true"]
     assert main(["train", *options, "--frame-stack", "2"]) == 0
     results = _results(tmp_path / "run")
-    assert results["baselines"] == {}
+    assert results["baselines"] == results["scenarios"] == {}
     assert results["best"]["return"]["mean"] > 0.0
     with pytest.raises(CommandError, match="observations are not this package's"):
         evaluate.load(str(tmp_path / "run"))

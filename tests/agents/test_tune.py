@@ -57,6 +57,7 @@ def test_controller_is_tuned_and_resumed(tmp_path, capsys):
     found = json.loads((tmp_path / "out/gains.json").read_text())
     assert found["a_p"][0] == results["found"]["a_p_xy"]
     assert results["trials"] == 8
+    assert results["scenarios"] == {"short": SHORT.digest()}
     assert main([*words, "--trials", "16", "--resume"]) == 0
     again = json.loads((tmp_path / "out/results.json").read_text())
     assert again["trials"] == 16
@@ -71,6 +72,7 @@ def test_learner_is_tuned_by_short_trainings(tmp_path):
     assert main(words) == 0
     results = json.loads((out / "results.json").read_text())
     trial = json.loads((out / "trial-0001/results.json").read_text())
+    assert results["scenarios"] == {"uwoc/Nominal-v0": Scenario.named("Nominal").digest()}
     assert results["score"] >= trial["best"]["return"]["mean"]
     best = out / f"trial-{int(results['outcome']['trial']):04d}"
     assert results["score"] == json.loads((best / "results.json").read_text())["best"]["return"]["mean"]
