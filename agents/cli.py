@@ -10,22 +10,16 @@ from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import (
-    benchmark,
-    calibrate,
-    listing,
-    protocol,
-    record,
-    replay,
-    report,
-    reproduce,
-    single,
-    speed,
-    train,
-    tune,
-    watch,
-)
-from uwoc_gym.agents.command import CommandError
+from uwoc_gym.agents.commands import benchmark, record, speed, train, watch
+from uwoc_gym.agents.commands import evaluate as single
+from uwoc_gym.agents.commands import list as listing
+from uwoc_gym.agents.learning import calibration as calibrate
+from uwoc_gym.agents.learning import protocol
+from uwoc_gym.agents.learning import tuning as tune
+from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.reports import reproduction as reproduce
+from uwoc_gym.agents.reports import tables as report
+from uwoc_gym.agents.viewing import replay
 from uwoc_gym.parameters import SettingError
 
 COMMANDS: dict[str, ModuleType] = {

@@ -69,7 +69,7 @@ def _triple(name: str, value: Any) -> Triple:
 
 _TUNED = (
     "`uwoc-gym tune {} --trials {} --out tuning`: highest mean return on 64 training seeds of uwoc/Random-v0; the box "
-    "that was searched stands in uwoc_gym.agents.tune"
+    "that was searched stands in uwoc_gym.agents.learning.tuning"
 )
 _PAPER = "paper, sec. 4: Kp = 300, Kv = 250"
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import calibrate, search
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.command import CommandError
-from uwoc_gym.agents.evaluate import POLICIES, fly
-from uwoc_gym.agents.search import Dimension
+from uwoc_gym.agents.flight import POLICIES, fly
+from uwoc_gym.agents.learning import calibration as calibrate
+from uwoc_gym.agents.learning import search
+from uwoc_gym.agents.learning.search import Dimension
+from uwoc_gym.agents.options import CommandError
 from uwoc_gym.baselines import gains
 from uwoc_gym.baselines.paper import PUBLISHED
 from uwoc_gym.metrics import rmse, since_arrival, tracking_error

@@ -9,9 +9,10 @@ import pytest
 from stable_baselines3 import PPO, TD3
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import protocol, report
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.evaluate import load, shipped
+from uwoc_gym.agents.flight import load, shipped
+from uwoc_gym.agents.learning import protocol
+from uwoc_gym.agents.reports import tables as report
 
 
 @pytest.fixture(scope="module")

@@ -14,13 +14,15 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import episode, evaluate, video, watch
+from uwoc_gym.agents import flight as evaluate
 from uwoc_gym.agents.cli import main
+from uwoc_gym.agents.commands import watch
+from uwoc_gym.agents.viewing import episode, video
 
 pygame = pytest.importorskip("pygame")
 pytest.importorskip("imageio_ffmpeg")
 
-from uwoc_gym.agents import stage as staging  # noqa: E402
+from uwoc_gym.agents.viewing import stage as staging  # noqa: E402
 
 SMALL = ["--size", "640x360"]
 

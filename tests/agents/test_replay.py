@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import evaluate, replay
+from uwoc_gym.agents import flight as evaluate
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.episode import Episode
+from uwoc_gym.agents.viewing import replay
+from uwoc_gym.agents.viewing.episode import Episode
 
 pytest.importorskip("plotly")
 

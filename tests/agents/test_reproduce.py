@@ -9,9 +9,9 @@ import struct
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import paper_figures
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.document import Heading, Paragraph, Picture, Table, markdown, page
+from uwoc_gym.agents.reports import paper_figures
+from uwoc_gym.agents.reports.documents import Heading, Paragraph, Picture, Table, markdown, page
 from uwoc_gym.baselines.paper import IMPROVEMENT, PUBLISHED, improvement, sampled_as_published, without_coriolis
 
 LARGEST_RESIDUAL_PERCENT = {"case-1": 8.0, "case-2": 9.0}

@@ -11,8 +11,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
-from uwoc_gym.agents.residual import ResidualAction, ResidualVectorAction, corrected
-from uwoc_gym.agents.vec_env import ResidualVecEnv
+from uwoc_gym.agents.learning.environments import ResidualVecEnv
+from uwoc_gym.agents.policies.residual import ResidualAction, ResidualVectorAction, corrected
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.sb3 import TrackingVecEnv

@@ -10,9 +10,9 @@ import pytest
 
 from uwoc_gym import Scenario
 from uwoc_gym.agents import load
-from uwoc_gym.agents.evaluate import POLICIES, TRAINED, fly
-from uwoc_gym.agents.hyperparameters import ALGORITHMS
-from uwoc_gym.agents.seeds import VALIDATION
+from uwoc_gym.agents.flight import POLICIES, TRAINED, fly
+from uwoc_gym.agents.learning.seeds import VALIDATION
+from uwoc_gym.agents.learning.settings import ALGORITHMS
 
 NAMES = ("ppo", "ppo-residual", "td3")
 

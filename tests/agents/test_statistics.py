@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import trim_mean
 
-from uwoc_gym.agents import statistics
+from uwoc_gym.agents.reports import statistics
 
 SCORES = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40)
 

@@ -20,9 +20,15 @@ import yaml
 from stable_baselines3 import PPO
 
 from uwoc_gym import Scenario, TrackingVectorEnv, agents
-from uwoc_gym.agents import checkpoint, evaluate, hyperparameters, inference, seeds, train, training, vec_env
+from uwoc_gym.agents import flight as evaluate
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.command import CommandError
+from uwoc_gym.agents.commands import train
+from uwoc_gym.agents.learning import checkpoints as checkpoint
+from uwoc_gym.agents.learning import environments as vec_env
+from uwoc_gym.agents.learning import seeds, training
+from uwoc_gym.agents.learning import settings as hyperparameters
+from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.policies import saved as inference
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.sb3 import TrackingVecEnv
 
@@ -123,7 +129,7 @@ def _interrupt_at(monkeypatch: pytest.MonkeyPatch, call: int, number: int = sign
 
 
 def _plan_of(out: Path) -> training.Plan:
-    from uwoc_gym.agents import train
+    from uwoc_gym.agents.commands import train
 
     class Args:
         algorithm = env = seed = steps = envs = settings = scenario = residual = scale = frame_stack = None

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import tune
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.evaluate import POLICIES, fly
-from uwoc_gym.agents.seeds import HELD_OUT, VALIDATION, training_seed
+from uwoc_gym.agents.flight import POLICIES, fly
+from uwoc_gym.agents.learning import tuning as tune
+from uwoc_gym.agents.learning.seeds import HELD_OUT, VALIDATION, training_seed
 from uwoc_gym.baselines import gains
 
 SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 4.0}})

@@ -15,10 +15,10 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from uwoc_gym.agents.command import CommandError
+from uwoc_gym.agents.options import CommandError
 from uwoc_gym.parameters import closest
 
-FOLDER = Path(__file__).parent / "settings"
+FOLDER = Path(__file__).parents[1] / "settings"
 FALLBACK = "default"
 
 

@@ -13,8 +13,8 @@ import gymnasium as gym
 import numba
 import numpy as np
 
-from uwoc_gym.agents import report
-from uwoc_gym.agents.command import output_folder, require, seconds, whole
+from uwoc_gym.agents.options import output_folder, require, seconds, whole
+from uwoc_gym.agents.reports import tables as report
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.block import MEASURES
 from uwoc_gym.fleet import Autoreset, Fleet, _step

@@ -18,11 +18,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents import inference, report, statistics, train
-from uwoc_gym.agents.command import CommandError, naming, output_folder, require, whole, write_text
-from uwoc_gym.agents.evaluate import Policy, batches, draws, fly, load, load_scenario
-from uwoc_gym.agents.hyperparameters import ALGORITHMS
-from uwoc_gym.agents.seeds import HELD_OUT
+from uwoc_gym.agents.commands import train
+from uwoc_gym.agents.flight import Policy, batches, draws, fly, load, load_scenario
+from uwoc_gym.agents.learning.seeds import HELD_OUT
+from uwoc_gym.agents.learning.settings import ALGORITHMS
+from uwoc_gym.agents.options import CommandError, naming, output_folder, require, whole, write_text
+from uwoc_gym.agents.policies import saved as inference
+from uwoc_gym.agents.reports import statistics
+from uwoc_gym.agents.reports import tables as report
 from uwoc_gym.observation import SIZE
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple, Self, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents import statistics
-from uwoc_gym.agents.command import write_text
-from uwoc_gym.agents.evaluate import Series
+from uwoc_gym.agents.flight import Series
+from uwoc_gym.agents.options import write_text
+from uwoc_gym.agents.reports import statistics
 from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]

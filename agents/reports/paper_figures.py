@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.report import COLOURS, DASHES
+from uwoc_gym.agents.reports.tables import COLOURS, DASHES
 from uwoc_gym.baselines.paper import PUBLISHED
 from uwoc_gym.link import OpticalLink
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import time
 
-from uwoc_gym.agents import report
-from uwoc_gym.agents.command import naming, output_folder, whole
-from uwoc_gym.agents.evaluate import batches, draws, fly, load, load_scenario
+from uwoc_gym.agents.flight import batches, draws, fly, load, load_scenario
+from uwoc_gym.agents.options import naming, output_folder, whole
+from uwoc_gym.agents.reports import tables as report
 
 HELP = "fly one policy through one scenario and print its measures"
 EXAMPLES = """\

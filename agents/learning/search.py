@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from uwoc_gym.agents.command import CommandError, whole, write_text
+from uwoc_gym.agents.options import CommandError, whole, write_text
 
 DATABASE = "study.db"
 TRIALS = "trials.csv"

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from uwoc_gym.agents.report import grid
+from uwoc_gym.agents.reports.tables import grid
 
 
 @dataclass(frozen=True)

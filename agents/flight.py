@@ -17,9 +17,9 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents import inference
-from uwoc_gym.agents.command import CommandError
-from uwoc_gym.agents.hyperparameters import ALGORITHMS
+from uwoc_gym.agents.learning.settings import ALGORITHMS
+from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.policies import saved as inference
 from uwoc_gym.baselines import Controller
 from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
 from uwoc_gym.parameters import Parameters, Range, SettingError, closest

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents import report
-from uwoc_gym.agents.command import output_folder, require, whole, write_text
-from uwoc_gym.agents.evaluate import Flight, Policy, fly
-from uwoc_gym.agents.search import Dimension, Tried, add_search_arguments, search
+from uwoc_gym.agents.flight import Flight, Policy, fly
+from uwoc_gym.agents.learning.search import Dimension, Tried, add_search_arguments, search
+from uwoc_gym.agents.options import output_folder, require, whole, write_text
+from uwoc_gym.agents.reports import tables as report
 from uwoc_gym.baselines import Controller, Gains, gains
 from uwoc_gym.baselines.paper import PUBLISHED, SCENARIOS, Row, sampled_as_published, without_coriolis
 from uwoc_gym.metrics import since_arrival, tracking_error

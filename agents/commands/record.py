@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from uwoc_gym.agents import episode, video
-from uwoc_gym.agents.command import CommandError, above_zero, frame_size, moment, require, seconds
+from uwoc_gym.agents.options import CommandError, above_zero, frame_size, moment, require, seconds
+from uwoc_gym.agents.viewing import episode, video
 from uwoc_gym.spaces import FRAME
 
 HELP = "record policies on the same episode, side by side, to MP4 or GIF"
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 def _record(args: argparse.Namespace, wanted: episode.Episode, paths: list[Path], end: float) -> int:
     from tqdm import tqdm
 
-    from uwoc_gym.agents.stage import Stage
+    from uwoc_gym.agents.viewing.stage import Stage
 
     stage = Stage(wanted, args.size)
     count = math.floor((end - args.begin) * args.fps / args.speed + 1e-9) + 1

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents import paper_figures, report
-from uwoc_gym.agents.command import output_folder, require, write_text
-from uwoc_gym.agents.document import Block, Heading, Paragraph, Picture, Table, markdown, page
-from uwoc_gym.agents.evaluate import Flight, Policy, fly
-from uwoc_gym.agents.paper_figures import Track
+from uwoc_gym.agents.flight import Flight, Policy, fly
+from uwoc_gym.agents.options import output_folder, require, write_text
+from uwoc_gym.agents.reports import paper_figures
+from uwoc_gym.agents.reports import tables as report
+from uwoc_gym.agents.reports.documents import Block, Heading, Paragraph, Picture, Table, markdown, page
+from uwoc_gym.agents.reports.paper_figures import Track
 from uwoc_gym.baselines import Controller, Gains, gains, paper
 from uwoc_gym.baselines.paper import CALIBRATED, IMPROVEMENT, PUBLISHED, SAMPLING_TIME_S, SCENARIOS, Row
 from uwoc_gym.link import OpticalLink

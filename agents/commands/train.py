@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from uwoc_gym.agents import hyperparameters
-from uwoc_gym.agents.command import CommandError, output_folder, require, whole
-from uwoc_gym.agents.evaluate import POLICIES
-from uwoc_gym.agents.hyperparameters import ALGORITHMS, TRAINABLE
-from uwoc_gym.agents.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.flight import POLICIES
+from uwoc_gym.agents.learning import settings as hyperparameters
+from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.settings import ALGORITHMS, TRAINABLE
+from uwoc_gym.agents.options import CommandError, output_folder, require, whole
 from uwoc_gym.baselines import GAINS, Gains, gains
 from uwoc_gym.parameters import SettingError, closest
 
@@ -68,7 +68,8 @@ def run(args: argparse.Namespace) -> int:
     require("yaml", "stable_baselines3", "tensorboard", "tqdm", "matplotlib")
     import torch
 
-    from uwoc_gym.agents import checkpoint, training
+    from uwoc_gym.agents.learning import checkpoints as checkpoint
+    from uwoc_gym.agents.learning import training
 
     # Networks this small gain nothing from more, and runs side by side get in each other's way.
     torch.set_num_threads(args.threads)
@@ -140,7 +141,8 @@ def _plan(args: argparse.Namespace, recorded: dict[str, Any] | None) -> Any:
     env_id = args.env or known.get("env", "uwoc/Random-v0")
     seed = args.seed if args.seed is not None else known.get("seed", 0)
     training_seed(seed)
-    from uwoc_gym.agents import training, vec_env
+    from uwoc_gym.agents.learning import environments as vec_env
+    from uwoc_gym.agents.learning import training
 
     base = vec_env.base_scenario(env_id)
     own_file = Path(args.settings) if args.settings else None

@@ -20,11 +20,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
-from uwoc_gym.agents import checkpoint, inference, report, vec_env
-from uwoc_gym.agents.command import CommandError, write_text
-from uwoc_gym.agents.evaluate import POLICIES, Policy, fly
-from uwoc_gym.agents.hyperparameters import ALGORITHMS, constructor_arguments, written
-from uwoc_gym.agents.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.flight import POLICIES, Policy, fly
+from uwoc_gym.agents.learning import checkpoints as checkpoint
+from uwoc_gym.agents.learning import environments as vec_env
+from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.settings import ALGORITHMS, constructor_arguments, written
+from uwoc_gym.agents.options import CommandError, write_text
+from uwoc_gym.agents.policies import saved as inference
+from uwoc_gym.agents.reports import tables as report
 from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.scenario import Scenario
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from uwoc_gym.agents import episode
-from uwoc_gym.agents.command import CommandError, above_zero, frame_size, require
+from uwoc_gym.agents.options import CommandError, above_zero, frame_size, require
+from uwoc_gym.agents.viewing import episode
 from uwoc_gym.spaces import FRAME
 
 HELP = "watch policies on the same episode, live, side by side"
@@ -73,7 +73,7 @@ class Player:
     def __init__(self, wanted: episode.Episode, size: tuple[int, int], speed: float) -> None:
         import pygame
 
-        from uwoc_gym.agents.stage import Stage
+        from uwoc_gym.agents.viewing.stage import Stage
         from uwoc_gym.rendering import Window
 
         strip = max(20, size[1] // 30)
@@ -87,7 +87,7 @@ class Player:
 
     def frame(self) -> bool:
         """Fly on, show one picture and do what keys say; returns whether to go on."""
-        from uwoc_gym.agents.stage import hint
+        from uwoc_gym.agents.viewing.stage import hint
 
         if not self.paused and not self.stage.ended:
             self._clock_s += self.speed / _FPS

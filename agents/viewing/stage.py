@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pygame
 
-from uwoc_gym.agents.command import CommandError
-from uwoc_gym.agents.episode import Episode
-from uwoc_gym.agents.evaluate import Policy, decide
+from uwoc_gym.agents.flight import Policy, decide
+from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.rendering import ACCENTS, Colour, Renderer, text_image
 from uwoc_gym.scenario import Scenario

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.command import CommandError, require
-from uwoc_gym.agents.hyperparameters import ALGORITHMS
-from uwoc_gym.agents.residual import checked_scale, corrected
+from uwoc_gym.agents.learning.settings import ALGORITHMS
+from uwoc_gym.agents.options import CommandError, require
+from uwoc_gym.agents.policies.residual import checked_scale, corrected
 from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.observation import ENTRIES, SIZE
 from uwoc_gym.parameters import SettingError

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from uwoc_gym.agents import episode, report
-from uwoc_gym.agents.command import moment, require, write_text
-from uwoc_gym.agents.evaluate import Flight, fly
+from uwoc_gym.agents.flight import Flight, fly
+from uwoc_gym.agents.options import moment, require, write_text
+from uwoc_gym.agents.reports import tables as report
+from uwoc_gym.agents.viewing import episode
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.link import Cone
 from uwoc_gym.sea import drawn_pulses
@@ -100,7 +101,7 @@ def page_data(wanted: episode.Episode, flights: dict[str, Flight], start_s: floa
 
 def page(data: dict[str, Any], plotly_js: str) -> str:
     """The page as one HTML text that needs nothing else."""
-    template = importlib.resources.files("uwoc_gym.agents").joinpath("replay.html").read_text(encoding="utf-8")
+    template = importlib.resources.files("uwoc_gym.agents.viewing").joinpath("replay.html").read_text(encoding="utf-8")
     # Inside a script nothing may look like its end, and names of policies come from outside.
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     head, rest = template.split("@@PLOTLY@@")

@@ -8,8 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from uwoc_gym.agents.command import CommandError, naming, whole
-from uwoc_gym.agents.evaluate import Policy, load, load_scenario
+from uwoc_gym.agents.flight import Policy, load, load_scenario
+from uwoc_gym.agents.options import CommandError, naming, whole
 from uwoc_gym.scenario import Scenario
 
 # Before anything imports pygame, which greets on the standard output otherwise.

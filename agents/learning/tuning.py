@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from uwoc_gym.agents import report, train
-from uwoc_gym.agents.command import naming, output_folder, require, whole, write_text
-from uwoc_gym.agents.evaluate import Flight, Policy, fly, load_scenario
-from uwoc_gym.agents.hyperparameters import TRAINABLE
-from uwoc_gym.agents.search import Dimension, Evaluate, add_search_arguments, search
-from uwoc_gym.agents.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.commands import train
+from uwoc_gym.agents.flight import Flight, Policy, fly, load_scenario
+from uwoc_gym.agents.learning.search import Dimension, Evaluate, add_search_arguments, search
+from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.settings import TRAINABLE
+from uwoc_gym.agents.options import naming, output_folder, require, whole, write_text
+from uwoc_gym.agents.reports import tables as report
 from uwoc_gym.baselines import Controller, Gains, gains
 from uwoc_gym.scenario import Scenario
 
@@ -116,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
         begin = [_point(gains(CONTROLLERS[args.target]), box)]
     else:
         name, box = args.env, LEARNERS[args.target]
-        from uwoc_gym.agents import vec_env
+        from uwoc_gym.agents.learning import environments as vec_env
 
         scenario = vec_env.base_scenario(args.env)
         evaluate = _learner_score(args, folder)

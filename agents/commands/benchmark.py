@@ -8,9 +8,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from uwoc_gym.agents import report, statistics
-from uwoc_gym.agents.command import CommandError, naming, output_folder, require, seconds, whole, write_text
-from uwoc_gym.agents.evaluate import POLICIES, Policy, Series, batches, draws, fly, load, load_scenario
+from uwoc_gym.agents.flight import POLICIES, Policy, Series, batches, draws, fly, load, load_scenario
+from uwoc_gym.agents.options import CommandError, naming, output_folder, require, seconds, whole, write_text
+from uwoc_gym.agents.reports import statistics
+from uwoc_gym.agents.reports import tables as report
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario

@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from uwoc_gym.agents.command import CommandError
+from uwoc_gym.agents.options import CommandError
 
 _PREFIX = "checkpoint-"
 _PART = ".part"
