@@ -1,217 +1,25 @@
-"""Policies by name, file or callable, and flying them through seeded episodes."""
+"""Flying a policy through seeded episodes, and what they come to."""
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import json
 import math
-import sys
-import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.learning.settings import ALGORITHMS
-from uwoc_gym.agents.options import CommandError
-from uwoc_gym.agents.policies import saved as inference
-from uwoc_gym.baselines import Controller
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
-from uwoc_gym.parameters import Parameters, Range, SettingError, closest
-from uwoc_gym.registry import ENV_IDS
-from uwoc_gym.scenario import SCENARIOS, Scenario
+from uwoc_gym.parameters import Parameters, Range
+from uwoc_gym.scenario import Scenario
 from uwoc_gym.ship import RandomPath
 from uwoc_gym.spaces import ACTION_SIZE
 from uwoc_gym.vector_env import TrackingVectorEnv
 
 Array = npt.NDArray[np.float64]
-
-
-class Predictor(Protocol):
-    """Anything that decides as a Stable-Baselines3 model does."""
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[npt.NDArray[np.float32], Any]:
-        """Actions (N, 3) for observations (N, 20), and the policy's memory."""
-        ...
-
-
-@dataclass(frozen=True)
-class Policy:
-    """A policy that can be flown through any scenario."""
-
-    name: str
-    description: str
-    make: Callable[[Scenario], Predictor]
-    """Builds the policy for a scenario, of which it may use what its designer would know."""
-    deterministic: bool = True
-    """Whether the same observations always give the same actions."""
-    gain_set: str | None = None
-    """The gain set of a scripted controller."""
-    needs: tuple[str, ...] = ()
-    """Optional modules without which it can't fly."""
-
-    def installed(self) -> bool:
-        """Whether all that it needs is installed."""
-        return all(importlib.util.find_spec(module) is not None for module in self.needs)
-
-
-def _scripted(gain_set: str, name: str, description: str) -> Policy:
-    return Policy(name, description, partial(Controller, gain_set), gain_set=gain_set)
-
-
-TRAINED = Path(__file__).parent / "trained"
-"""The agents that come with the package: a folder each, with ``agent.json`` and ``model.zip``."""
-
-
-def shipped(folder: Path = TRAINED) -> dict[str, Policy]:
-    """The agents in a folder, by name; their models are only loaded when they are to fly."""
-    found = {}
-    for path in sorted(folder.glob(f"*/{inference.DESCRIPTION}")):
-        model = path.with_name("model.zip")
-        if model.is_file():
-            description = inference.read_description(path)
-            needs = (ALGORITHMS[description["algorithm"]].module,)
-            make = partial(inference.build, model)
-            found[path.parent.name] = Policy(path.parent.name, description["description"], make, needs=needs)
-    return found
-
-
-POLICIES: dict[str, Policy] = {
-    policy.name: policy
-    for policy in (
-        _scripted("paper-pd", "pd", "the paper's PD law as printed, with full feedforward"),
-        _scripted(
-            "paper-pd-plain", "pd-plain", "the same gains without feedforward, as the paper's PD numbers suggest"
-        ),
-        _scripted("paper", "nlpd", "the paper's NLPD law, exponents searched to match its nominal results"),
-        _scripted("tuned-pd", "pd-tuned", "the PD law with gains searched for the return in Random"),
-        _scripted("tuned-nlpd", "nlpd-tuned", "the NLPD law with gains searched for the return in Random"),
-    )
-} | shipped()
-"""The named policies: scripted controllers and shipped agents."""
-
-
-def load(name: str) -> Policy:
-    """The policy of that name, file or callable.
-
-    Args:
-        name: A name in `POLICIES`, the folder of a training run (its best model flies), the path of a zip file saved
-            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with the scenario and returns
-            an object with Stable-Baselines3's ``predict``. All but names run code: a saved file holds pickled
-            objects, so load only files that you trust. What ``agent.json`` beside a file says is rebuilt: frozen
-            normalisation, stacked frames, a controller that is corrected.
-
-    Raises:
-        CommandError: There is no such policy, or it can't be loaded.
-    """
-    if name in POLICIES:
-        return POLICIES[name]
-    path = Path(name)
-    if path.suffix == ".zip" or path.exists():
-        return _saved(path)
-    if ":" in name:
-        return _callable(name)
-    raise CommandError(
-        f"there is no policy {name!r}; {closest(name, list(POLICIES))} A policy may also be the path of a saved "
-        ".zip file or module:callable."
-    )
-
-
-def _callable(name: str) -> Policy:
-    module_name, _, attribute = name.partition(":")
-    # Console scripts, unlike `python -m`, don't look in the working folder.
-    sys.path.insert(0, "")
-    try:
-        found: Any = importlib.import_module(module_name)
-        for part in attribute.split("."):
-            found = getattr(found, part)
-    except Exception as error:
-        raise CommandError(f"policy {name!r} can't be imported: {type(error).__name__}: {error}") from None
-    finally:
-        sys.path.remove("")
-    if not callable(found):
-        raise CommandError(f"policy {name!r} is not callable; it must take a scenario and return a policy.")
-
-    def make(scenario: Scenario) -> Predictor:
-        try:
-            made: Any = found(scenario)
-        except Exception as error:
-            raise CommandError(f"policy {name!r} failed to be made: {type(error).__name__}: {error}") from error
-        if not callable(getattr(made, "predict", None)):
-            raise CommandError(
-                f"policy {name!r} returned a {type(made).__name__} without predict(); it must return an object with "
-                "the predict() of Stable-Baselines3."
-            )
-        return made  # type: ignore[no-any-return]
-
-    return Policy(name, "callable", make, deterministic=False)
-
-
-# A setting that only models of the class have; the file doesn't name the class itself. The first match counts.
-_TELL_TALE = (
-    ("tqc", "top_quantiles_to_drop_per_net"),
-    ("sac", "target_entropy"),
-    ("td3", "policy_delay"),
-    ("recurrent_ppo", "_last_lstm_states"),
-    ("ppo", "clip_range"),
-    ("a2c", "normalize_advantage"),
-)
-
-
-def _saved(path: Path) -> Policy:
-    given = str(path)
-    if path.is_dir():
-        path = path / "model.zip"
-    if not path.is_file():
-        raise CommandError(f"policy {str(path)!r}: there is no such file.")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            settings = json.loads(archive.read("data"))
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError):
-        raise CommandError(f"policy {str(path)!r} is not a zip file saved by Stable-Baselines3.") from None
-    if path.with_name(inference.DESCRIPTION).is_file():
-        # Built once to meet errors now rather than in the middle of a benchmark.
-        description = inference.read_description(path.with_name(inference.DESCRIPTION))
-        inference.check_model(path)
-        return Policy(given, description["description"], partial(inference.build, path))
-    algorithm = next((name for name, setting in _TELL_TALE if setting in settings), None)
-    if algorithm is None:
-        known = ", ".join(each.name for each in ALGORITHMS.values())
-        raise CommandError(f"policy {str(path)!r} was saved by another algorithm than {known}.")
-    model = inference.load_model(path, algorithm)
-    inference.check_shapes(str(path), model)
-    statistics = inference.normaliser_path(path)
-    normalise = inference.load_normaliser(statistics) if statistics.is_file() else None
-    agent = inference.Agent(model, normalise)
-    return Policy(given, f"saved {ALGORITHMS[algorithm].name} model", lambda scenario: agent)
-
-
-def load_scenario(name: str) -> tuple[str, Scenario]:
-    """A scenario and its short name, from its name, environment ID or JSON file.
-
-    Raises:
-        CommandError: There is no such scenario, or the file doesn't hold one.
-    """
-    short = ENV_IDS.get(name, name)
-    if short in SCENARIOS:
-        return short, SCENARIOS[short]
-    path = Path(name)
-    if path.suffix != ".json" and not path.is_file():
-        hint = closest(name, [*SCENARIOS, *ENV_IDS])
-        raise CommandError(f"there is no scenario {name!r}; {hint} A scenario may also be the path of a .json file.")
-    try:
-        return path.stem, Scenario.from_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CommandError(f"scenario {name!r} can't be read: {error.strerror}.") from None
-    except (SettingError, UnicodeDecodeError) as error:
-        raise CommandError(f"scenario {name!r} is not allowed: {error}") from None
 
 
 def draws(scenario: Scenario) -> bool:
@@ -223,6 +31,11 @@ def draws(scenario: Scenario) -> bool:
         or any(isinstance(path, RandomPath) for path in scenario.ship_paths)
         or any(value != 0.0 for value in noise)
     )
+
+
+def flown_seeds(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Sequence[int]:
+    """The seeds that differ: the first alone where neither the scenario nor the policy has anything random."""
+    return seeds[:1] if policy.deterministic and not draws(scenario) else seeds
 
 
 def _has_range(value: Any) -> bool:

@@ -1,73 +1,18 @@
-"""What the commands share: their errors, and checks of options before any work begins."""
+"""Options that several commands have, and checks of what they are given before any work begins."""
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import math
-import os
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
+from uwoc_gym.agents.errors import CommandError, naming
+from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.scenarios import said
+from uwoc_gym.agents.viewing.episode import Episode
+from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import SMALLEST_FRAME, check_render_size
-
-EXTRAS = {
-    "cmaes": "tune",
-    "imageio_ffmpeg": "render",
-    "matplotlib": "benchmark",
-    "optuna": "tune",
-    "plotly": "render",
-    "pygame": "render",
-    "sb3_contrib": "agents",
-    "stable_baselines3": "agents",
-    "tensorboard": "agents",
-    "tqdm": "benchmark",
-    "yaml": "agents",
-}
-"""Which extra of this package brings a module."""
-
-
-class CommandError(Exception):
-    """An error that a command reports in one line."""
-
-
-@contextmanager
-def naming(option: str) -> Iterator[None]:
-    """Put the option's name before an error about what it was given."""
-    try:
-        yield
-    except CommandError as error:
-        raise CommandError(f"{option}: {error}") from None
-
-
-def require(*modules: str) -> None:
-    """Refuse to go on without optional modules.
-
-    Raises:
-        CommandError: One of them isn't installed; the extra that brings it is named.
-    """
-    for module in modules:
-        if importlib.util.find_spec(module) is None:
-            raise CommandError(f'{module} is not installed; run: pip install "uwoc-gym[{EXTRAS[module]}]"')
-
-
-def output_folder(path: str | Path) -> Path:
-    """Create a folder for results and make sure that files can be written to it.
-
-    Raises:
-        CommandError: They can't.
-    """
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or error
-        raise CommandError(f"--out {folder}: {reason}; it must be a folder that can be written to.") from None
-    return folder
 
 
 def whole(low: int) -> Callable[[str], int]:
@@ -122,8 +67,109 @@ def frame_size(text: str) -> tuple[int, int]:
         ) from None
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, path)
+def add_search_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that every search has."""
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
+    )
+
+
+def add_scenario_arguments(
+    parser: argparse.ArgumentParser, default: str | list[str] | None, prefix: str = "", many: bool = False
+) -> None:
+    """Add the options that say a scenario, or several.
+
+    Args:
+        parser: Gets them.
+        default: What is flown if nothing is said.
+        prefix: Goes before the help on ``--scenario``.
+        many: Whether there may be several, which all get the same changes.
+    """
+    usual = {True: "all environment IDs", False: default}[many]
+    parser.add_argument(
+        "--scenario",
+        nargs="+" if many else None,
+        default=default,
+        metavar="SCENARIO",
+        help=f"{prefix}a name, an environment ID or a .json file with a whole scenario, or with changes to the one "
+        f'that its "base" names{"" if default is None else f" (default: {usual})"}',
+    )
+    parser.add_argument(
+        "--override",
+        metavar="JSON",
+        help='changes to the scenario: a .json file or the text itself, such as \'{"episode": {"duration_s": 30}}\'',
+    )
+
+
+def scenario_of(args: argparse.Namespace) -> tuple[str, Scenario]:
+    """Short name and scenario that the options say.
+
+    Raises:
+        CommandError: They aren't allowed.
+    """
+    found = said(args.scenario, args.override)
+    return found.name, found.scenario
+
+
+def scenarios_of(args: argparse.Namespace) -> dict[str, Scenario]:
+    """The scenarios that the options say, by short name.
+
+    Raises:
+        CommandError: They aren't allowed, or two of one name differ.
+    """
+    scenarios: dict[str, Scenario] = {}
+    for given in args.scenario:
+        name, _, _, scenario = said(given, args.override)
+        if scenarios.get(name, scenario) != scenario:
+            raise CommandError(f"--scenario: two different scenarios are called {name!r}; rename one of the files.")
+        scenarios[name] = scenario
+    return scenarios
+
+
+def policies_of(names: Sequence[str]) -> list[Policy]:
+    """The policies that ``--policy`` names, each once.
+
+    Raises:
+        CommandError: There is no such policy, or it can't be loaded.
+    """
+    with naming("--policy"):
+        return [load(name) for name in dict.fromkeys(names)]
+
+
+def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) -> None:
+    """Add the options that say who flies what; ``policies`` fly by default."""
+    parser.add_argument(
+        "--policy",
+        nargs="+",
+        default=policies,
+        metavar="POLICY",
+        help="names, saved .zip files or module:callable (default: " + " ".join(policies) + ")",
+    )
+    add_scenario_arguments(parser, "StrongPulse")
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="the episode's seed (default: 0)")
+
+
+def add_file_arguments(parser: argparse.ArgumentParser, default: str, many: bool, what: str) -> None:
+    """Add the options about the file to write."""
+    parser.add_argument(
+        "--out",
+        nargs="+" if many else None,
+        default=[default] if many else default,
+        metavar="FILE",
+        help=f"{what} (default: {default})",
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+
+
+def episode_of(args: argparse.Namespace) -> Episode:
+    """The episode that the options name.
+
+    Raises:
+        CommandError: There is no such policy or scenario.
+    """
+    name, scenario = scenario_of(args)
+    return Episode(policies_of(args.policy), name, scenario, args.seed)

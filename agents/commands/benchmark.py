@@ -8,10 +8,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from uwoc_gym.agents.flight import POLICIES, Policy, Series, batches, draws, fly, load, load_scenario
-from uwoc_gym.agents.options import CommandError, naming, output_folder, require, seconds, whole, write_text
-from uwoc_gym.agents.reports import statistics
-from uwoc_gym.agents.reports import tables as report
+from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.flight import Series, batches, flown_seeds, fly
+from uwoc_gym.agents.options import add_scenario_arguments, policies_of, scenarios_of, seconds, whole
+from uwoc_gym.agents.policies.registry import POLICIES
+from uwoc_gym.agents.reports import figures, files, statistics, tables
+from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
@@ -22,6 +24,7 @@ examples:
   uwoc-gym benchmark
   uwoc-gym benchmark --policy pd nlpd --scenario Nominal uwoc/Random-v0 --seeds 100 --out results
   uwoc-gym benchmark --policy runs/ppo/model.zip my_module:make_policy --scenario my_scenario.json
+  uwoc-gym benchmark --scenario Random --override '{"episode": {"duration_s": 30}}'
 """
 
 
@@ -35,13 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="POLICY",
         help=f"names, folders of training runs, saved .zip files or module:callable (default: {' '.join(policies)})",
     )
-    parser.add_argument(
-        "--scenario",
-        nargs="+",
-        default=list(ENV_IDS),
-        metavar="SCENARIO",
-        help="names, environment IDs or .json files (default: all environment IDs)",
-    )
+    add_scenario_arguments(parser, list(ENV_IDS), many=True)
     parser.add_argument(
         "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
     )
@@ -59,9 +56,9 @@ def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
     require("tqdm", *(["matplotlib"] if args.out else []))
     scenarios = _scenarios(args)
-    policies = [_load(name) for name in dict.fromkeys(args.policy)]
-    folder = output_folder(args.out) if args.out else None
-    results: list[report.Result] = []
+    policies = policies_of(args.policy)
+    folder = files.output_folder(args.out) if args.out else None
+    results: list[tables.Result] = []
     flown: dict[str, dict[str, tuple[int, Series]]] = {}
     begun = time.perf_counter()
     interrupted = False
@@ -69,20 +66,20 @@ def run(args: argparse.Namespace) -> int:
         if folder is None:
             _fly_all(args, scenarios, policies, results, flown, None)
         else:
-            with report.EpisodesFile(folder / "episodes.csv") as episodes:
+            with files.EpisodesFile(folder / "episodes.csv") as episodes:
                 _fly_all(args, scenarios, policies, results, flown, episodes)
     except KeyboardInterrupt:
         interrupted = True
     results = [result for result in results if result.rows]
-    data = report.results_data(results, args.seed)
-    text = report.table(data) if data else ""
+    data = tables.results_data(results, args.seed)
+    text = tables.table(data) if data else ""
     print(text, end="")
     if folder is not None:
         document = _document(args, scenarios, data, not interrupted, begun)
-        report.write_results(folder, args.command_line, scenarios, document)
-        write_text(folder / "table.md", text)
+        files.write_results(folder, args.command_line, scenarios, document)
+        files.write_text(folder / "table.md", text)
         for name, series in flown.items():
-            report.figure(folder / f"{name}.png", name, scenarios[name], series)
+            figures.figure(folder / f"{name}.png", name, scenarios[name], series)
     if interrupted:
         count = sum(len(result.rows) for result in results)
         print(f"uwoc-gym benchmark: interrupted after {count} finished episodes", file=sys.stderr)
@@ -91,47 +88,37 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
-    scenarios: dict[str, Scenario] = {}
-    for given in args.scenario:
-        with naming("--scenario"):
-            name, scenario = load_scenario(given)
-        if args.control_period is not None:
-            try:
-                scenario = scenario.merged({"episode": {"control_period_s": args.control_period}})
-            except SettingError as error:
-                raise CommandError(f"--control-period {args.control_period:g}: {error}") from None
-        if scenarios.get(name, scenario) != scenario:
-            raise CommandError(f"--scenario: two different scenarios are called {name!r}; rename one of the files.")
-        scenarios[name] = scenario
-    return scenarios
-
-
-def _load(name: str) -> Policy:
-    with naming("--policy"):
-        return load(name)
+    scenarios = scenarios_of(args)
+    if args.control_period is None:
+        return scenarios
+    try:
+        changes = {"episode": {"control_period_s": args.control_period}}
+        return {name: scenario.merged(changes) for name, scenario in scenarios.items()}
+    except SettingError as error:
+        raise CommandError(f"--control-period {args.control_period:g}: {error}") from None
 
 
 def _fly_all(
     args: argparse.Namespace,
     scenarios: dict[str, Scenario],
     policies: list[Policy],
-    results: list[report.Result],
+    results: list[tables.Result],
     flown: dict[str, dict[str, tuple[int, Series]]],
-    episodes: report.EpisodesFile | None,
+    episodes: files.EpisodesFile | None,
 ) -> None:
     """Fly everything; what is finished stands in ``results``, ``flown`` and ``episodes`` at any time."""
     from tqdm import tqdm
 
     seeds = range(args.seed, args.seed + args.seeds)
     plan = [
-        (name, policy, seeds[:1] if policy.deterministic and not draws(scenario) else seeds)
+        (name, policy, flown_seeds(policy, scenario, seeds))
         for name, scenario in scenarios.items()
         for policy in policies
     ]
     with tqdm(total=sum(len(own) for *_, own in plan), unit="episode", file=sys.stderr) as bar:
         for name, policy, own in plan:
             bar.set_description(f"{name}, {policy.name}")
-            result = report.Result(name, policy.name, [], len(own) < len(seeds))
+            result = tables.Result(name, policy.name, [], len(own) < len(seeds))
             results.append(result)
             for batch in batches(own, args.batch):
                 flight = fly(policy, scenarios[name], batch)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import time
 
-from uwoc_gym.agents.flight import batches, draws, fly, load, load_scenario
-from uwoc_gym.agents.options import naming, output_folder, whole
-from uwoc_gym.agents.reports import tables as report
+from uwoc_gym.agents.errors import naming
+from uwoc_gym.agents.flight import batches, flown_seeds, fly
+from uwoc_gym.agents.options import add_scenario_arguments, scenario_of, whole
+from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.reports import files, tables
 
 HELP = "fly one policy through one scenario and print its measures"
 EXAMPLES = """\
@@ -22,9 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policy", metavar="POLICY", help="a name, a training run's folder, a .zip file, module:callable"
     )
-    parser.add_argument(
-        "--scenario", default="Random", metavar="SCENARIO", help="name, ID or .json file (default: %(default)s)"
-    )
+    add_scenario_arguments(parser, "Random")
     parser.add_argument(
         "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
     )
@@ -34,19 +34,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
-    with naming("--scenario"):
-        name, scenario = load_scenario(args.scenario)
+    name, scenario = scenario_of(args)
     with naming("POLICY"):
         policy = load(args.policy)
-    folder = output_folder(args.out) if args.out else None
+    folder = files.output_folder(args.out) if args.out else None
     begun = time.perf_counter()
-    seeds = range(args.seed, args.seed + args.seeds)
-    collapsed = policy.deterministic and not draws(scenario) and len(seeds) > 1
-    if collapsed:
-        seeds = seeds[:1]
+    asked = range(args.seed, args.seed + args.seeds)
+    seeds = flown_seeds(policy, scenario, asked)
     rows = [row for batch in batches(seeds, 100) for row in fly(policy, scenario, batch).metrics.rows()]
-    data = report.results_data([report.Result(name, policy.name, rows, collapsed)], args.seed)
-    print(report.table(data), end="")
+    data = tables.results_data([tables.Result(name, policy.name, rows, len(seeds) < len(asked))], args.seed)
+    print(tables.table(data), end="")
     if folder is not None:
         document = {
             "settings": {"policy": policy.name, "seeds": list(seeds), "scenario": scenario.to_dict()},
@@ -54,5 +51,5 @@ def run(args: argparse.Namespace) -> int:
             "results": data,
             "episodes": [{"seed": seed, **row} for seed, row in zip(seeds, rows, strict=True)],
         }
-        report.write_results(folder, args.command_line, {name: scenario}, document)
+        files.write_results(folder, args.command_line, {name: scenario}, document)
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from uwoc_gym.agents.flight import POLICIES
+from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.registry import ENV_IDS
 
 HELP = "list environment IDs, scenarios and policies"

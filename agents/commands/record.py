@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 import math
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
-from uwoc_gym.agents.options import CommandError, above_zero, frame_size, moment, require, seconds
-from uwoc_gym.agents.viewing import episode, video
+from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.options import (
+    above_zero,
+    add_episode_arguments,
+    add_file_arguments,
+    episode_of,
+    frame_size,
+    moment,
+    seconds,
+)
+from uwoc_gym.agents.reports.files import output_file
 from uwoc_gym.spaces import FRAME
 
 HELP = "record policies on the same episode, side by side, to MP4 or GIF"
@@ -28,8 +32,8 @@ Interrupted, it ends the files where it is, so that they can be played.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    episode.add_arguments(parser, ["pd", "nlpd"])
-    episode.add_file_arguments(parser, "link.mp4", True, "one or several files, .mp4 or .gif")
+    add_episode_arguments(parser, ["pd", "nlpd"])
+    add_file_arguments(parser, "link.mp4", True, "one or several files, .mp4 or .gif")
     parser.add_argument(
         "--from", type=moment, default=0.0, metavar="S", dest="begin", help="first moment shown [s] (default: 0)"
     )
@@ -50,54 +54,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record; returns the exit status."""
     require("pygame", "imageio_ffmpeg", "tqdm")
-    wanted = episode.chosen(args)
+    from uwoc_gym.agents.viewing.recording import record
+    from uwoc_gym.agents.viewing.video import SUFFIXES
+
+    wanted = episode_of(args)
     duration = wanted.scenario.episode.duration_s
     if not args.begin < min(args.end, duration):
         raise CommandError(
             f"--from {args.begin:g} is not allowed; it must lie before --to and before the episode's end at "
             f"{duration:g} s."
         )
-    paths = [episode.output_file(given, video.SUFFIXES, args.force) for given in dict.fromkeys(args.out)]
+    paths = [output_file(given, SUFFIXES, args.force) for given in dict.fromkeys(args.out)]
     if any(path.suffix.lower() == ".gif" for path in paths) and args.fps > 50.0:
         raise CommandError(f"--fps {args.fps:g} is not allowed; a GIF shows at most 50 frames per second.")
-    return _record(args, wanted, paths, min(args.end, duration))
-
-
-def _record(args: argparse.Namespace, wanted: episode.Episode, paths: list[Path], end: float) -> int:
-    from tqdm import tqdm
-
-    from uwoc_gym.agents.viewing.stage import Stage
-
-    stage = Stage(wanted, args.size)
-    count = math.floor((end - args.begin) * args.fps / args.speed + 1e-9) + 1
-    shown = 0
-    with ExitStack() as files, _interruption() as interrupted:
-        writers = [files.enter_context(video.Video(path, args.size, args.fps)) for path in paths]
-        for k in tqdm(range(count), unit="frame", file=sys.stderr, desc="recording"):
-            stage.fly_until(args.begin + k * args.speed / args.fps)
-            frame = stage.frame()
-            for writer in writers:
-                writer.add(frame)
-            shown += 1
-            if interrupted.is_set() or stage.ended:
-                break
+    shown, interrupted_s = record(wanted, paths, args.size, args.begin, min(args.end, duration), args.speed, args.fps)
     for path in paths:
         print(f"{path}: {shown} frames, {shown / args.fps:.1f} s, {path.stat().st_size / 1e6:.2f} MB")
-    if interrupted.is_set():
-        print(f"uwoc-gym record: interrupted at {stage.time_s:.1f} s of the episode", file=sys.stderr)
+    if interrupted_s is not None:
+        print(f"uwoc-gym record: interrupted at {interrupted_s:.1f} s of the episode", file=sys.stderr)
         return 130
     return 0
-
-
-@contextmanager
-def _interruption() -> Iterator[threading.Event]:
-    """An event that an interrupt at the keyboard sets instead of stopping whatever is under way."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-    before = signal.signal(signal.SIGINT, lambda number, frame: event.set())
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, before)

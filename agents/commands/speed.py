@@ -13,8 +13,9 @@ import gymnasium as gym
 import numba
 import numpy as np
 
-from uwoc_gym.agents.options import output_folder, require, seconds, whole
-from uwoc_gym.agents.reports import tables as report
+from uwoc_gym.agents.errors import require
+from uwoc_gym.agents.options import seconds, whole
+from uwoc_gym.agents.reports import files, tables
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.block import MEASURES
 from uwoc_gym.fleet import Autoreset, Fleet, _step
@@ -261,7 +262,7 @@ def _table(data: dict[str, Any]) -> str:
         numbers = [f"{row[key]:,.0f}" for key in ("steps_per_s", "reference_steps_per_s")]
         integration = f"{row['integration_steps_per_s']:,.0f}"
         lines.append([row["env"], str(row["num_envs"]), *numbers, f"{row['ratio']:.2f}", target, integration])
-    text = report.grid(header, lines) + "\n\n"
+    text = tables.grid(header, lines) + "\n\n"
     for row in data["python_at_1"]:
         text += (
             f"{row['env']}, single: {1e6 * row['step_s']:.2f} µs a step, of which compiled code "
@@ -276,7 +277,7 @@ def _table(data: dict[str, Any]) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; returns the exit status."""
-    folder = output_folder(args.out) if args.out else None
+    folder = files.output_folder(args.out) if args.out else None
     if args.render:
         require("pygame")
         data = measure_pictures(args)
@@ -289,5 +290,5 @@ def run(args: argparse.Namespace) -> int:
         settings = {"rounds": args.rounds, "time_s": args.time, "seed": args.seed}
         names = ["StrongPulse"] if args.render else [ENV_IDS[env_id] for env_id in ENVS]
         scenarios = {name: SCENARIOS[name] for name in names}
-        report.write_results(folder, args.command_line, scenarios, {"settings": settings, **data})
+        files.write_results(folder, args.command_line, scenarios, {"settings": settings, **data})
     return 0

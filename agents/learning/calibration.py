@@ -1,33 +1,23 @@
-"""`uwoc-gym calibrate`: search for what the paper doesn't give, so that its tables come out."""
+"""Searches for what the paper doesn't give, so that its tables come out."""
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.flight import Flight, Policy, fly
-from uwoc_gym.agents.learning.search import Dimension, Tried, add_search_arguments, search
-from uwoc_gym.agents.options import output_folder, require, whole, write_text
-from uwoc_gym.agents.reports import tables as report
-from uwoc_gym.baselines import Controller, Gains, gains
+from uwoc_gym.agents.flight import Flight, fly
+from uwoc_gym.agents.learning.search import Dimension, Evaluate, Tried
+from uwoc_gym.agents.reports.files import json_text
+from uwoc_gym.baselines import Gains, gains
+from uwoc_gym.baselines.controllers import one_for_each
 from uwoc_gym.baselines.paper import PUBLISHED, SCENARIOS, Row, sampled_as_published, without_coriolis
 from uwoc_gym.metrics import since_arrival, tracking_error
 from uwoc_gym.scenario import Scenario
-
-HELP = "search for what the paper doesn't give: the NLPD's exponents, and the noise and pulse of its two cases"
-EXAMPLES = """\
-examples:
-  uwoc-gym calibrate nlpd --out calibration/nlpd
-  uwoc-gym calibrate case-1 --out calibration/case-1
-  uwoc-gym calibrate nlpd --out calibration/nlpd --trials 6000 --resume
-"""
 
 Array = npt.NDArray[np.float64]
 
@@ -58,9 +48,11 @@ _CASE_BOX = {
 }
 
 
-class _Problem(NamedTuple):
+class Problem(NamedTuple):
+    """What is searched for, and what is made of it."""
+
     box: Mapping[str, Dimension]
-    evaluate: Callable[[list[dict[str, float]]], list[tuple[float, dict[str, float]]]]
+    evaluate: Evaluate
     trials: int
     write: Callable[[Tried], Mapping[str, Any]]
     """What the best point means, for results.json."""
@@ -71,61 +63,6 @@ class _Problem(NamedTuple):
     """What is flown."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument("target", choices=("nlpd", "case-1", "case-2"), help="what to search for")
-    parser.add_argument(
-        "--variant",
-        choices=("found", "printed"),
-        default="found",
-        help="the cases' PD: without feedforward on a plant without Coriolis terms, as its nominal row was found to "
-        "be, or as printed (default: %(default)s)",
-    )
-    parser.add_argument("--trials", type=whole(1), metavar="N", help="points to try in all (default: 4000; cases 1500)")
-    parser.add_argument(
-        "--batch", type=whole(2), default=64, metavar="N", help="points to try at a time (default: %(default)s)"
-    )
-    add_search_arguments(parser)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Search and report; returns the exit status."""
-    require("optuna", "cmaes", "tqdm")
-    problem = nlpd_problem() if args.target == "nlpd" else case_problem(args.target, args.variant)
-    folder = output_folder(args.out)
-    found = search(
-        folder,
-        {"target": args.target, "variant": args.variant, "seed": args.seed},
-        problem.box,
-        problem.evaluate,
-        trials=args.trials or problem.trials,
-        batch=args.batch,
-        seed=args.seed,
-        direction="minimize",
-        sampler="cma-es",
-        resume=args.resume,
-    )
-    write_text(folder / problem.file, problem.text(found.best))
-    document = {
-        "finished": found.finished,
-        "target": args.target,
-        "variant": args.variant,
-        "trials": found.trials,
-        "seed": args.seed,
-        "score": found.best.score,
-        "found": found.best.values,
-        **problem.write(found.best),
-    }
-    report.write_results(folder, args.command_line, problem.scenarios, document)
-    print(f"score {found.best.score:.6g} after {found.trials} trials; found:")
-    for name, value in {**found.best.values, **found.best.outcome}.items():
-        print(f"  {name:<32} {value:.6g}")
-    if not found.finished:
-        print("uwoc-gym calibrate: interrupted; --resume goes on", file=sys.stderr)
-        return 130
-    return 0
-
-
 def nlpd_gains(values: Mapping[str, float]) -> Gains:
     """The NLPD with the paper's a = 300 and 250 and exponents from a point of the search."""
 
@@ -134,10 +71,10 @@ def nlpd_gains(values: Mapping[str, float]) -> Gains:
         return x, y, yaw
 
     b = (values["b"],) * 3
-    return replace(gains("paper-pd"), mu_p=axes("p"), mu_v=axes("v"), b_p=b, b_v=b, source="uwoc-gym calibrate nlpd")
+    return replace(gains("pd"), mu_p=axes("p"), mu_v=axes("v"), b_p=b, b_v=b, source="uwoc-gym calibrate nlpd")
 
 
-def nlpd_problem() -> _Problem:
+def nlpd_problem() -> Problem:
     """Exponents and b with which the printed NLPD flies the paper's nominal row.
 
     The score is the mean square of each number's distance from the published one, in units of 2 % for the RMSE and
@@ -149,7 +86,7 @@ def nlpd_problem() -> _Problem:
 
     def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
         laws = [nlpd_gains(point) for point in points]
-        flown = fly(_many(laws), scenario, [0] * len(points)).metrics
+        flown = fly(one_for_each(laws), scenario, [0] * len(points)).metrics
         got = np.stack([flown.rmse_x_m, flown.rmse_y_m, flown.rmse_yaw_rad, flown.arrival_time_s], axis=-1)
         # Never to arrive is worse than anything else.
         scores = np.nan_to_num(np.mean(np.square((got - wanted) / unit), axis=-1), nan=1e9)
@@ -159,22 +96,18 @@ def nlpd_problem() -> _Problem:
             for score, row in zip(scores.tolist(), got, strict=True)
         ]
 
-    return _Problem(
+    return Problem(
         _NLPD_BOX,
         evaluate,
         4000,
         lambda best: {"published": PUBLISHED["nominal", "NLPD"]._asdict(), "flown": best.outcome},
         "gains.json",
-        lambda best: report.json_text(asdict(nlpd_gains(best.values))),
+        lambda best: json_text(asdict(nlpd_gains(best.values))),
         {SCENARIOS["nominal"]: scenario},
     )
 
 
-def _many(laws: Sequence[Gains]) -> Policy:
-    return Policy("candidates", "one gain set per simulation", lambda scenario: Controller(laws, scenario))
-
-
-def case_problem(case: str, variant: str) -> _Problem:
+def case_problem(case: str, variant: str) -> Problem:
     """Pulse, noise levels and RMSE window with which PD and NLPD come nearest to a case's two rows.
 
     One setting serves both controllers, of which the NLPD is the printed one on the full plant. The score is the mean
@@ -193,15 +126,17 @@ def case_problem(case: str, variant: str) -> _Problem:
         "episode": {"duration_s": CASE_DURATION_S},
     }
     full = sampled_as_published(Scenario.named(SCENARIOS[case]).merged(ranges))
-    pd_side = (gains("paper-pd"), full) if variant == "printed" else (gains("paper-pd-plain"), without_coriolis(full))
-    sides = (pd_side, (gains("paper"), full))
+    pd_side = (gains("pd"), full) if variant == "printed" else (gains("pd-plain"), without_coriolis(full))
+    sides = (pd_side, (gains("nlpd"), full))
     wanted = np.array([PUBLISHED[case, name] for name in ("PD", "NLPD")])
 
     def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
         n, k = len(points), len(NOISE_SEEDS)
         settings = {name: np.repeat([point[name] for point in points], k) for name in _CASE_BOX}
         rows = [
-            window_rows(fly(_many([law] * n * k), scenario, list(NOISE_SEEDS) * n, settings)).reshape(-1, n, k, 5)
+            window_rows(fly(one_for_each([law] * n * k), scenario, list(NOISE_SEEDS) * n, settings)).reshape(
+                -1, n, k, 5
+            )
             for law, scenario in sides
         ]
         return [case_score(row, wanted) for row in np.moveaxis(np.stack(rows, axis=1), 2, 0)]
@@ -213,7 +148,7 @@ def case_problem(case: str, variant: str) -> _Problem:
         }
         return full.merged(found).to_json() + "\n"
 
-    return _Problem(
+    return Problem(
         _CASE_BOX,
         evaluate,
         1500,

@@ -10,8 +10,10 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.reports.files import whole
 
 _PREFIX = "checkpoint-"
 _PART = ".part"
@@ -71,3 +73,19 @@ def _flush(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def save_model(model: Any, path: Path) -> None:
+    """Save a model whole or not at all.
+
+    Raises:
+        OSError: It can't be written.
+    """
+    # Stable-Baselines3 would add a suffix to a path; a file it takes as it is.
+    try:
+        with whole(path) as part, part.open("wb") as file:
+            model.save(file)
+    except (OSError, RuntimeError) as error:
+        # PyTorch reports a full disk as a RuntimeError, and an error in writing doesn't name the file.
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error).splitlines()[0]
+        raise OSError(f"{path} can't be written: {reason}") from error

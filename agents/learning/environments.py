@@ -13,7 +13,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecFrameStack, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.policies.residual import check_actions, checked_scale, corrected
 from uwoc_gym.baselines import Controller
 from uwoc_gym.observation import LINK_IN_CONE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import json
@@ -13,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from uwoc_gym.agents.options import CommandError, whole, write_text
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.reports.files import write_text
 
 DATABASE = "study.db"
 TRIALS = "trials.csv"
@@ -50,17 +50,6 @@ Direction = Literal["minimize", "maximize"]
 
 Evaluate = Callable[[list[dict[str, float]]], list[tuple[float, dict[str, float]]]]
 """Score and outcome of each of a batch of points."""
-
-
-def add_search_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options that every search has."""
-    parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
-    )
-    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
-    parser.add_argument(
-        "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
-    )
 
 
 def search(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.errors import CommandError
 
 HELD_OUT = range(0, 200)
 """Seeds of the benchmark's episodes. Nothing in training, tuning or the choice of a model flies them."""

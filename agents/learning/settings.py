@@ -7,42 +7,20 @@ constructor and those of `OWN`; "lin_3e-4" is a rate that falls to 0 over the ru
 from __future__ import annotations
 
 import ast
-import importlib
 import inspect
 import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.parameters import closest
 
 FOLDER = Path(__file__).parents[1] / "settings"
 FALLBACK = "default"
 
-
-class Algorithm(NamedTuple):
-    """An algorithm and where it comes from."""
-
-    name: str
-    module: str
-    off_policy: bool
-
-    def load(self) -> Any:
-        """The algorithm's class; imports PyTorch."""
-        return getattr(importlib.import_module(self.module), self.name)
-
-
-ALGORITHMS: dict[str, Algorithm] = {
-    "ppo": Algorithm("PPO", "stable_baselines3", False),
-    "sac": Algorithm("SAC", "stable_baselines3", True),
-    "td3": Algorithm("TD3", "stable_baselines3", True),
-    "tqc": Algorithm("TQC", "sb3_contrib", True),
-    "recurrent_ppo": Algorithm("RecurrentPPO", "sb3_contrib", False),
-    "a2c": Algorithm("A2C", "stable_baselines3", False),
-}
-"""The algorithms whose models can fly, by name."""
 
 TRAINABLE = tuple(name for name in ALGORITHMS if name != "a2c")
 """Those with a settings file."""

@@ -16,64 +16,79 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
-from uwoc_gym.agents.flight import POLICIES, Policy, fly
-from uwoc_gym.agents.learning import checkpoints as checkpoint
-from uwoc_gym.agents.learning import environments as vec_env
+from uwoc_gym.agents.errors import CommandError, naming
+from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.learning import checkpoints, environments
+from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
 from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
-from uwoc_gym.agents.learning.settings import ALGORITHMS, constructor_arguments, written
-from uwoc_gym.agents.options import CommandError, write_text
-from uwoc_gym.agents.policies import saved as inference
-from uwoc_gym.agents.reports import tables as report
-from uwoc_gym.baselines import Controller, Gains
-from uwoc_gym.scenario import Scenario
+from uwoc_gym.agents.learning.settings import constructor_arguments, written
+from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.registry import POLICIES
+from uwoc_gym.agents.reports import figures, files, tables
+from uwoc_gym.baselines import Controller
+from uwoc_gym.baselines.policy import Policy
 
 BASELINES = ("pd", "nlpd", "nlpd-tuned")
 """The controllers whose scores stand in the learning curve."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """What a run is to do, once everything given has been checked."""
+def begun(folder: Path) -> bool:
+    """Whether a folder holds a training run."""
+    return (folder / "run.json").is_file()
 
-    algorithm: str
-    env_id: str
-    seed: int
-    values: dict[str, Any]
-    """Checked settings."""
-    task: Scenario | None
-    """What is evaluated, and trained on but for the settings' own overrides; None for environments of others."""
-    overrides: dict[str, Any]
-    """What the command line changes in the scenario; goes before the settings' own overrides."""
-    gains: Gains | None
-    """The controller that the agent corrects, if any."""
-    eval_every: int
-    eval_episodes: int
-    checkpoint_every: int
 
-    @property
-    def practice(self) -> Scenario | None:
-        """What is trained on."""
-        if self.task is None:
-            return None
-        return self.task.merged(self.values["env_kwargs"].get("scenario") or {}).merged(self.overrides)
+def finished(folder: Path) -> bool:
+    """Whether the run in a folder has come to its end."""
+    try:
+        return bool(json.loads((folder / "results.json").read_text(encoding="utf-8"))["finished"])
+    except (OSError, ValueError, KeyError):
+        return False
 
-    def to_dict(self) -> dict[str, Any]:
-        """The plan as plain data, by which a resumed run is compared with the one in the folder."""
-        return {
-            "algorithm": self.algorithm,
-            "env": self.env_id,
-            "seed": self.seed,
-            "settings": self.values,
-            "overrides": self.overrides,
-            "scenario": self.task.to_dict() if self.task is not None else None,
-            "eval_every": self.eval_every,
-            "eval_episodes": self.eval_episodes,
-            "checkpoint_every": self.checkpoint_every,
-        }
+
+def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads: int = 1, bar: bool = True) -> Run:
+    """Train to the end, or go on with what was stopped.
+
+    Args:
+        wish: What is asked for.
+        folder: Where the run keeps everything.
+        command: The command line, for the record.
+        resume: Whether to go on with the run that the folder holds, rather than to begin one.
+        threads: Threads of PyTorch.
+        bar: Whether to show progress.
+
+    Returns:
+        The run, finished.
+
+    Raises:
+        Interruption: The process was asked to stop; a checkpoint stands where it did.
+        CommandError: Something asked for isn't allowed, the folder holds a run or none, or a file can't be written.
+    """
+    # Networks this small gain nothing from more, and runs side by side get in each other's way.
+    torch.set_num_threads(threads)
+    recorded = None
+    if begun(folder):
+        if not resume:
+            raise CommandError(
+                f"--out {folder} holds a run already; give --resume to go on with it, or another folder."
+            )
+        with naming("--resume"):
+            recorded = recorded_plan(folder / "run.json")
+    elif resume:
+        raise CommandError(f"--resume: there is no run in {folder}; it has no run.json.")
+    plan = planned(wish, recorded)
+    if recorded is not None:
+        check_same(plan, recorded, folder)
+    files.output_folder(folder)
+    run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
+    if not run.progress.finished:
+        run.train(bar)
+    return run
 
 
 @dataclass
@@ -101,6 +116,7 @@ class Interruption(Exception):
     """The run was asked to stop, and has written a checkpoint."""
 
     def __init__(self, number: int, steps: int) -> None:
+        super().__init__(f"interrupted at step {steps}")
         self.status = 128 + number
         self.steps = steps
 
@@ -123,17 +139,17 @@ class Run:
         self.folder = folder
         self.command = command
         self.progress = Progress()
-        self._kind = ALGORITHMS[plan.algorithm]
+        self.kind = ALGORITHMS[plan.algorithm]
         if resume is not None:
             self.progress = Progress(**json.loads((resume / "progress.json").read_text(encoding="utf-8")))
         self.baselines: dict[str, dict[str, Any]] = {}
         values = plan.values
         first = training_seed(plan.seed, self.progress.seeds_used)
         self.progress.seeds_used += values["n_envs"]
-        base = vec_env.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
+        base = environments.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
         controller = Controller(plan.gains, plan.practice) if plan.gains is not None and plan.practice else None
         statistics = str(resume / "vecnormalize.pkl") if resume is not None and values["normalize"] else None
-        env, self.monitor, self.statistics = vec_env.wrapped(
+        env, self.monitor, self.statistics = environments.wrapped(
             base, values, controller, plan.practice is not None, statistics
         )
         self.env = env
@@ -150,29 +166,32 @@ class Run:
         size = int(np.prod(self.env.action_space.shape or (1,)))
         arguments = constructor_arguments(plan.algorithm, plan.values, size)
         try:
-            return self._kind.load()(plan.values["policy"], self.env, seed=seed, device="cpu", **arguments)
+            return self.kind.load()(plan.values["policy"], self.env, seed=seed, device="cpu", **arguments)
         except (TypeError, ValueError, AssertionError, NotImplementedError, RuntimeError) as error:
-            raise CommandError(f"{self._kind.name} can't be made with these settings: {error}") from error
+            raise CommandError(f"{self.kind.name} can't be made with these settings: {error}") from error
 
     def _load(self, path: Path) -> Any:
         try:
-            model = self._kind.load().load(path / "last.zip", env=self.env, device="cpu")
+            model = self.kind.load().load(path / "last.zip", env=self.env, device="cpu")
         except Exception as error:
             raise CommandError(f"checkpoint {path} can't be read: {type(error).__name__}: {error}") from error
         if (path / "replay.npz").is_file():
-            _load_buffer(model.replay_buffer, path / "replay.npz")
+            load_buffer(model.replay_buffer, path / "replay.npz")
         return model
 
-    def agent(self) -> inference.Agent:
+    def agent(self) -> saved.Agent:
         """The present policy, as it would fly after training."""
         plan = self.plan
         normalise = self.statistics.normalize_obs if self.statistics is not None else None
         controller = Controller(plan.gains, plan.task) if plan.gains is not None and plan.task is not None else None
         frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
-        return inference.Agent(self.model, normalise, frames, controller, scale)
+        return saved.Agent(self.model, normalise, frames, controller, scale)
 
-    def train(self) -> None:
+    def train(self, bar: bool = True) -> None:
         """Train to the end of the budget, and leave everything in the folder.
+
+        Args:
+            bar: Whether to show progress.
 
         Raises:
             Interruption: The process was asked to stop; a checkpoint stands where it did.
@@ -187,10 +206,17 @@ class Run:
         self.model.set_logger(logger)
         try:
             with (
-                tqdm(total=total, initial=self.progress.steps, unit="step", unit_scale=True, file=sys.stderr) as bar,
+                tqdm(
+                    total=total,
+                    initial=self.progress.steps,
+                    unit="step",
+                    unit_scale=True,
+                    file=sys.stderr,
+                    disable=not bar,
+                ) as shown,
                 _signals() as asked,
             ):
-                callback = _Watch(self, bar, asked, begun)
+                callback = _Watch(self, shown, asked, begun)
                 self._score_baselines()
                 if total > self.progress.steps:
                     self.model.learn(
@@ -209,14 +235,14 @@ class Run:
         import yaml
 
         plan = self.plan
-        document = {"command": self.command, "versions": report.versions(), **plan.to_dict()}
+        document = {"command": self.command, "versions": files.versions(), **plan.to_dict()}
         if not (self.folder / "run.json").is_file():
-            report.write_json(self.folder / "run.json", document)
+            files.write_json(self.folder / "run.json", document)
         # Keyed as a settings file is, so that it can be trained with again.
         text = yaml.safe_dump({plan.env_id.rpartition(":")[2]: written(plan.values)}, sort_keys=False)
-        write_text(self.folder / "settings.yaml", f"# {self._kind.name}; written by: {self.command}\n{text}")
-        described = inference.describe(plan.env_id, plan.algorithm, plan.values, plan.task, plan.gains)
-        report.write_json(self.folder / inference.DESCRIPTION, described)
+        files.write_text(self.folder / "settings.yaml", f"# {self.kind.name}; written by: {self.command}\n{text}")
+        described = saved.describe(plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, plan.gains)
+        files.write_json(self.folder / saved.DESCRIPTION, described)
 
     def _score_baselines(self) -> None:
         if self.plan.task is None:
@@ -246,13 +272,10 @@ class Run:
 
     def _save(self, folder: Path, model: str, statistics: str) -> None:
         """Save model and statistics, each whole or not at all."""
-        part = folder / "model.zip.part"
-        _save_model(self.model, part)
-        part.replace(folder / model)
+        checkpoints.save_model(self.model, folder / model)
         if self.statistics is not None:
-            part = folder / "vecnormalize.pkl.part"
-            self.statistics.save(str(part))
-            part.replace(folder / statistics)
+            with files.whole(folder / statistics) as part:
+                self.statistics.save(str(part))
 
     def checkpoint(self) -> None:
         """Write a checkpoint, and the files that tell of the run's progress.
@@ -260,7 +283,7 @@ class Run:
         Raises:
             CommandError: It can't be written; the one before it stays.
         """
-        checkpoint.write(self.folder, self._fill)
+        checkpoints.write(self.folder, self._fill)
         self._save(self.folder, "last.zip", "last.vecnormalize.pkl")
         self.write_results()
 
@@ -270,18 +293,17 @@ class Run:
             for name in ("model.zip", "vecnormalize.pkl"):
                 if (self.folder / name).is_file():
                     shutil.copyfile(self.folder / name, folder / f"best.{name}")
-        if self._kind.off_policy:
-            _save_buffer(self.model.replay_buffer, folder / "replay.npz")
-        report.write_json(folder / "progress.json", self.progress.__dict__)
+        if self.kind.off_policy:
+            save_buffer(self.model.replay_buffer, folder / "replay.npz")
+        files.write_json(folder / "progress.json", self.progress.__dict__)
 
     def _publish_best(self, path: Path) -> None:
         """Put the checkpoint's best model where users look for it: one saved after the checkpoint isn't known to it."""
         for name in ("model.zip", "vecnormalize.pkl"):
             (self.folder / name).unlink(missing_ok=True)
             if (path / f"best.{name}").is_file():
-                part = self.folder / f"{name}.part"
-                shutil.copyfile(path / f"best.{name}", part)
-                part.replace(self.folder / name)
+                with files.whole(self.folder / name) as part:
+                    shutil.copyfile(path / f"best.{name}", part)
 
     def write_results(self) -> None:
         """Write results.json and draw the learning curve."""
@@ -298,9 +320,9 @@ class Run:
             "evaluations": progress.evaluations,
         }
         scenarios = {"evaluation": plan.task, "training": plan.practice}
-        report.write_results(self.folder, self.command, scenarios, document)
-        title = f"{self._kind.name} on {plan.env_id}, seed {plan.seed}"
-        report.learning_curve(self.folder / "curve.png", title, progress.evaluations, self.baselines)
+        files.write_results(self.folder, self.command, scenarios, document)
+        title = f"{self.kind.name} on {plan.name}, seed {plan.seed}"
+        figures.learning_curve(self.folder / "curve.png", title, progress.evaluations, self.baselines)
 
 
 class _Watch(BaseCallback):
@@ -387,7 +409,7 @@ class _Watch(BaseCallback):
 
     def _stop(self) -> None:
         run = self._run
-        if not run._kind.off_policy:
+        if not run.kind.off_policy:
             # The rollout that was begun hasn't been learned from, and won't be.
             self.model.num_timesteps = self._clean_steps
         self._clean_steps = self.model.num_timesteps
@@ -455,7 +477,7 @@ def _after(steps: int, every: int) -> int:
 
 def _scores(rows: list[dict[str, float]]) -> dict[str, Any]:
     """Mean and interval of each measure over episodes."""
-    found: dict[str, Any] = report.plain(report.summaries(report.columns(rows), 0))
+    found: dict[str, Any] = files.plain(tables.summaries(tables.columns(rows), 0))
     return found
 
 
@@ -471,24 +493,13 @@ def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[d
             if statistics is not None:
                 given = statistics.normalize_obs(given)
             if plan.values["frame_stack"] > 1:
-                given = stacked = inference.stack(stacked, given, begun, plan.values["frame_stack"])
+                given = stacked = saved.stack(stacked, given, begun, plan.values["frame_stack"])
             action, memory = model.predict(given, memory, begun, deterministic=True)
             observation, reward, terminated, truncated, _ = env.step(action[0])
             total, begun, over = total + float(reward), np.zeros(1, dtype=bool), terminated or truncated
         rows.append({"return": total})
     env.close()
     return rows
-
-
-def _save_model(model: Any, path: Path) -> None:
-    # Stable-Baselines3 would add a suffix to a path; a file it takes as it is.
-    try:
-        with path.open("wb") as file:
-            model.save(file)
-    except (OSError, RuntimeError) as error:
-        # PyTorch reports a full disk as a RuntimeError, and an error in writing doesn't name the file.
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error).splitlines()[0]
-        raise OSError(f"{path} can't be written: {reason}") from error
 
 
 def _arrays(buffer: Any) -> dict[str, Any]:
@@ -499,7 +510,7 @@ def _arrays(buffer: Any) -> dict[str, Any]:
     }
 
 
-def _save_buffer(buffer: Any, path: Path) -> None:
+def save_buffer(buffer: Any, path: Path) -> None:
     """Save the filled part of a replay buffer."""
     filled = buffer.buffer_size if buffer.full else buffer.pos
     # One more than filled: a buffer that saves memory keeps the next observation there.
@@ -507,7 +518,7 @@ def _save_buffer(buffer: Any, path: Path) -> None:
     np.savez(path, pos=buffer.pos, full=buffer.full, **parts)
 
 
-def _load_buffer(buffer: Any, path: Path) -> None:
+def load_buffer(buffer: Any, path: Path) -> None:
     with np.load(path) as saved:
         for name, value in _arrays(buffer).items():
             value[: len(saved[name])] = saved[name]

@@ -1,46 +1,30 @@
-"""`uwoc-gym tune`: search for the gains of a controller or the settings of a learner, never on held-out seeds."""
+"""Searches for a controller's gains or a learner's settings, never on held-out seeds."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from uwoc_gym.agents.commands import train
-from uwoc_gym.agents.flight import Flight, Policy, fly, load_scenario
-from uwoc_gym.agents.learning.search import Dimension, Evaluate, add_search_arguments, search
+from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.learning.plans import Job, Wish
+from uwoc_gym.agents.learning.search import Dimension, Evaluate
 from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
-from uwoc_gym.agents.options import naming, output_folder, require, whole, write_text
-from uwoc_gym.agents.reports import tables as report
-from uwoc_gym.baselines import Controller, Gains, gains
+from uwoc_gym.baselines import Gains
+from uwoc_gym.baselines.controllers import one_for_each
 from uwoc_gym.scenario import Scenario
 
-HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
-EXAMPLES = """\
-examples:
-  uwoc-gym tune nlpd --out tuning/nlpd
-  uwoc-gym tune pd --trials 500 --out tuning/pd
-  uwoc-gym tune ppo --trials 30 --steps 1000000 --out tuning/ppo
-  uwoc-gym tune nlpd --trials 3000 --out tuning/nlpd --resume
-"""
-
-CONTROLLERS: dict[str, str] = {"pd": "paper-pd", "nlpd": "paper"}
-"""The controllers whose gains can be searched for, and the gain set that is tried first."""
-
-_PD_BOX = {
+PD_BOX = {
     "a_p_xy": Dimension(100.0, 8000.0, log=True),
     "a_v_xy": Dimension(50.0, 4000.0, log=True),
     "a_p_yaw": Dimension(100.0, 8000.0, log=True),
     "a_v_yaw": Dimension(50.0, 4000.0, log=True),
 }
-_NLPD_BOX = _PD_BOX | {
+NLPD_BOX = PD_BOX | {
     f"{name}_{axis}": each
     for axis in ("xy", "yaw")
     for name, each in {
@@ -50,6 +34,9 @@ _NLPD_BOX = _PD_BOX | {
         "mu_v": Dimension(0.0, 1.0),
     }.items()
 }
+
+CONTROLLERS: dict[str, Mapping[str, Dimension]] = {"pd": PD_BOX, "nlpd": NLPD_BOX}
+"""The controllers whose gains can be searched for, and where; their own gains are tried first."""
 
 _ON_POLICY = {
     "learning_rate": Dimension(1e-4, 3e-3, log=True),
@@ -70,98 +57,6 @@ LEARNERS: dict[str, Mapping[str, Dimension]] = {
 """What is searched for each learner; all else stays as in its settings file."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument("target", choices=(*CONTROLLERS, *LEARNERS), help="what to tune")
-    parser.add_argument(
-        "--scenario", default="uwoc/Random-v0", metavar="SCENARIO",
-        help="what a controller is tuned on: a name, environment ID or .json file (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--env", default="uwoc/Random-v0", metavar="ID", help="what a learner is tuned on (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--trials", type=whole(1), metavar="N", help="points to try in all (default: 2000; learners 30)"
-    )
-    parser.add_argument(
-        "--batch", type=whole(1), default=16, metavar="N", help="gain sets to fly at a time (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--episodes", type=whole(1), default=64, metavar="N",
-        help="training seeds that every gain set is flown on (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--steps",
-        type=whole(1),
-        default=1_000_000,
-        metavar="N",
-        help="steps of a learner's trial (default: %(default)s)",
-    )
-    add_search_arguments(parser)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Search and report; returns the exit status."""
-    require("optuna", "cmaes", "tqdm")
-    controller = args.target in CONTROLLERS
-    folder = output_folder(args.out)
-    problem: dict[str, Any] = {"target": args.target, "seed": args.seed}
-    begin: list[dict[str, float]] = []
-    if controller:
-        with naming("--scenario"):
-            name, task = load_scenario(args.scenario)
-        scenario: Scenario | None = task
-        box: Mapping[str, Dimension] = _PD_BOX if args.target == "pd" else _NLPD_BOX
-        evaluate = controller_score(task, args.seed, args.episodes)
-        problem |= {"scenario": task.to_dict(), "episodes": args.episodes}
-        begin = [_point(gains(CONTROLLERS[args.target]), box)]
-    else:
-        name, box = args.env, LEARNERS[args.target]
-        from uwoc_gym.agents.learning import environments as vec_env
-
-        scenario = vec_env.base_scenario(args.env)
-        evaluate = _learner_score(args, folder)
-        problem |= {"env": args.env, "steps": args.steps}
-    found = search(
-        folder,
-        problem,
-        box,
-        evaluate,
-        trials=args.trials or (2000 if controller else 30),
-        batch=args.batch if controller else 1,
-        seed=args.seed,
-        direction="maximize",
-        sampler="cma-es" if controller else "tpe",
-        begin=begin,
-        resume=args.resume,
-    )
-    best = found.best
-    document: dict[str, Any] = {
-        "finished": found.finished,
-        **problem,
-        "space": {key: each._asdict() for key, each in box.items()},
-        "trials": found.trials,
-        "score": best.score,
-        "found": best.values,
-        "outcome": best.outcome,
-    }
-    if controller:
-        law = gains_of(best.values, args.command_line)
-        document["validation"] = _validation(law, task)
-        write_text(folder / "gains.json", report.json_text(asdict(law)))
-    else:
-        trial = folder / f"trial-{int(best.outcome['trial']):04d}"
-        write_text(folder / "settings.yaml", (trial / "settings.yaml").read_text(encoding="utf-8"))
-    report.write_results(folder, args.command_line, {name: scenario}, document)
-    print(f"{args.target} on {name}: score {best.score:.6g} after {found.trials} trials; found:")
-    for key, value in {**best.values, **best.outcome, **document.get("validation", {})}.items():
-        print(f"  {key:<28} {value:.6g}")
-    if not found.finished:
-        print("uwoc-gym tune: interrupted; --resume goes on", file=sys.stderr)
-        return 130
-    return 0
-
-
 def gains_of(values: Mapping[str, float], source: str = "uwoc-gym tune") -> Gains:
     """The gain set of a point: x and y share theirs, since no axis of the horizontal plane is special."""
     names = dict.fromkeys(key.rpartition("_")[0] for key in values)
@@ -169,7 +64,7 @@ def gains_of(values: Mapping[str, float], source: str = "uwoc-gym tune") -> Gain
     return Gains(**axes, source=source)
 
 
-def _point(law: Gains, box: Mapping[str, Dimension]) -> dict[str, float]:
+def point_of(law: Gains, box: Mapping[str, Dimension]) -> dict[str, float]:
     """The point of a gain set, inside the box."""
     point = {}
     for key, each in box.items():
@@ -197,39 +92,36 @@ def controller_score(scenario: Scenario, seed: int, episodes: int) -> Evaluate:
 
 
 def _flown(laws: list[Gains], scenario: Scenario, seeds: list[int]) -> dict[str, Any]:
-    policy = Policy("candidates", "one gain set per simulation", lambda known: Controller(laws, known))
-    flight: Flight = fly(policy, scenario, seeds)
-    flown = flight.metrics
+    flown = fly(one_for_each(laws), scenario, seeds).metrics
     return {"return": flown.return_, "availability": flown.availability, "effort": flown.effort}
 
 
-def _validation(law: Gains, scenario: Scenario) -> dict[str, float]:
+def validation(law: Gains, scenario: Scenario) -> dict[str, float]:
     """The gain set's means on the validation seeds, which the search hasn't seen."""
     flown = _flown([law] * len(VALIDATION), scenario, list(VALIDATION))
     return {f"validation_{key}": float(np.mean(values)) for key, values in flown.items()}
 
 
-def _learner_score(args: argparse.Namespace, folder: Path) -> Evaluate:
-    """Best validation return of a short training, whose run stays in the folder."""
-    parser = argparse.ArgumentParser()
-    train.add_arguments(parser)
+def learner_score(wish: Wish, folder: Path) -> Evaluate:
+    """Best validation return of a short training, whose run stays in the folder.
+
+    Args:
+        wish: What is trained; a point's values are assigned to its settings.
+        folder: Holds a run per trial.
+    """
+    from uwoc_gym.agents.learning import training
 
     def one(point: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         number = sum(1 for _ in folder.glob("trial-*"))
-        words = ["--algorithm", args.target, "--env", args.env, "--steps", str(args.steps), "--seed", str(args.seed)]
-        words += ["--out", str(folder / f"trial-{number:04d}")]
-        for key, value in point.items():
-            # The rate falls to 0 over the run, as in the settings files.
-            words += ["--set", f"{key}={'lin_' if key == 'learning_rate' else ''}{value!r}"]
-        given = parser.parse_args(words)
-        given.command_line = " ".join(["uwoc-gym train", *words])
-        status = train.run(given)
-        if status != 0:
-            raise KeyboardInterrupt
-        best = json.loads((folder / f"trial-{number:04d}" / "results.json").read_text(encoding="utf-8"))["best"]
+        # The rate falls to 0 over the run, as in the settings files.
+        values = [f"{key}={'lin_' if key == 'learning_rate' else ''}{value!r}" for key, value in point.items()]
+        job = Job(replace(wish, set=(*wish.set, *values)), folder / f"trial-{number:04d}")
+        try:
+            best = training.train(job.wish, job.folder, job.command).progress.best
+        except training.Interruption:
+            # The search ends as it does where it is interrupted itself.
+            raise KeyboardInterrupt from None
+        assert best is not None
         return float(best["return"]["mean"]), {"trial": float(number)}
 
-    def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
-        return [one(point) for point in points]
-
-    return evaluate
+    return lambda points: [one(point) for point in points]

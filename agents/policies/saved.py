@@ -9,18 +9,20 @@ from __future__ import annotations
 import dataclasses
 import json
 import pickle
+import zipfile
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.learning.settings import ALGORITHMS
-from uwoc_gym.agents.options import CommandError, require
+from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.residual import checked_scale, corrected
 from uwoc_gym.baselines import Controller, Gains
+from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.observation import ENTRIES, SIZE
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
@@ -32,12 +34,13 @@ LAYOUT = [entry.name for entry in ENTRIES]
 
 
 def describe(
-    env_id: str, algorithm: str, values: Mapping[str, Any], scenario: Scenario | None, gains: Gains | None
+    env_id: str, name: str, algorithm: str, values: Mapping[str, Any], scenario: Scenario | None, gains: Gains | None
 ) -> dict[str, Any]:
     """What ``agent.json`` says: all that acting needs besides the model and its normalisation statistics.
 
     Args:
         env_id: The environment's ID.
+        name: What it was trained on, in a word.
         algorithm: A name in `ALGORITHMS`.
         values: Checked settings.
         scenario: The scenario trained for; None for environments of others.
@@ -51,7 +54,7 @@ def describe(
         residual = {"gains": dataclasses.asdict(gains), "scale": values["residual_scale"]}
     return {
         "format": FORMAT,
-        "description": f"{ALGORITHMS[algorithm].name} trained on {env_id}",
+        "description": f"{ALGORITHMS[algorithm].name} trained on {name}",
         "algorithm": algorithm,
         "env": env_id,
         "observation": layout,
@@ -286,3 +289,47 @@ def build(path: Path, scenario: Scenario) -> Agent:
         return Agent(model, normalise, description["frame_stack"], controller, residual["scale"])
     except (SettingError, TypeError, KeyError) as error:
         raise CommandError(f"policy {str(path)!r} has a residual that is not allowed: {error}") from None
+
+
+# A setting that only models of the class have; the file doesn't name the class itself. The first match counts.
+_TELL_TALE = (
+    ("tqc", "top_quantiles_to_drop_per_net"),
+    ("sac", "target_entropy"),
+    ("td3", "policy_delay"),
+    ("recurrent_ppo", "_last_lstm_states"),
+    ("ppo", "clip_range"),
+    ("a2c", "normalize_advantage"),
+)
+
+
+def load(path: Path) -> Policy:
+    """The policy of a training run's folder, or of a zip file saved by Stable-Baselines3 or sb3-contrib.
+
+    Raises:
+        CommandError: There is none, or it can't be loaded.
+    """
+    given = str(path)
+    if path.is_dir():
+        path = path / "model.zip"
+    if not path.is_file():
+        raise CommandError(f"policy {str(path)!r}: there is no such file.")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            settings = json.loads(archive.read("data"))
+    except (zipfile.BadZipFile, KeyError, ValueError, OSError):
+        raise CommandError(f"policy {str(path)!r} is not a zip file saved by Stable-Baselines3.") from None
+    if path.with_name(DESCRIPTION).is_file():
+        # Built once to meet errors now rather than in the middle of a benchmark.
+        description = read_description(path.with_name(DESCRIPTION))
+        check_model(path)
+        return Policy(given, description["description"], partial(build, path))
+    algorithm = next((name for name, setting in _TELL_TALE if setting in settings), None)
+    if algorithm is None:
+        known = ", ".join(each.name for each in ALGORITHMS.values())
+        raise CommandError(f"policy {str(path)!r} was saved by another algorithm than {known}.")
+    model = load_model(path, algorithm)
+    check_shapes(str(path), model)
+    statistics = normaliser_path(path)
+    normalise = load_normaliser(statistics) if statistics.is_file() else None
+    agent = Agent(model, normalise)
+    return Policy(given, f"saved {ALGORITHMS[algorithm].name} model", lambda scenario: agent)

@@ -1,36 +1,28 @@
-"""`uwoc-gym reproduce`: every figure and table of the paper, its numbers beside ours."""
+"""Every figure and table of the paper, its numbers beside ours."""
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.flight import Flight, Policy, fly
-from uwoc_gym.agents.options import output_folder, require, write_text
+from uwoc_gym.agents.flight import Flight, fly
 from uwoc_gym.agents.reports import paper_figures
-from uwoc_gym.agents.reports import tables as report
-from uwoc_gym.agents.reports.documents import Block, Heading, Paragraph, Picture, Table, markdown, page
+from uwoc_gym.agents.reports.documents import Block, Heading, Paragraph, Picture, Table
 from uwoc_gym.agents.reports.paper_figures import Track
-from uwoc_gym.baselines import Controller, Gains, gains, paper
+from uwoc_gym.baselines import Gains, gains, paper
+from uwoc_gym.baselines.controllers import one_for_each
 from uwoc_gym.baselines.paper import CALIBRATED, IMPROVEMENT, PUBLISHED, SAMPLING_TIME_S, SCENARIOS, Row
 from uwoc_gym.link import OpticalLink
 from uwoc_gym.metrics import rmse, since_arrival, tracking_error
 from uwoc_gym.scenario import Scenario
-
-HELP = "fly the paper's simulations and write every figure and table of it, published beside computed"
-EXAMPLES = """\
-examples:
-  uwoc-gym reproduce --out reproduction
-"""
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +58,7 @@ class Variant:
 
 def variants() -> tuple[Variant, ...]:
     """The rows of the tables besides the published ones."""
-    pd, nlpd, plain = gains("paper-pd"), gains("paper"), gains("paper-pd-plain")
+    pd, nlpd, plain = gains("pd"), gains("nlpd"), gains("pd-plain")
     return (
         Variant("PD, as printed", "PD", pd, True),
         Variant("PD, as found", "PD", plain, False),
@@ -84,23 +76,14 @@ COMPARISONS = (
 """Pairs of variants whose improvement is worked out."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument(
-        "--out",
-        required=True,
-        metavar="DIR",
-        help="folder for report.html, report.md, results.json and the figures as PNG and SVG",
-    )
+def fly_and_draw(folder: Path) -> tuple[dict[str, Any], dict[str, Scenario], list[str]]:
+    """Fly the paper's simulations and draw their figures, which go to the folder.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Fly, draw and report; returns the exit status."""
-    require("tqdm", "matplotlib")
+    Returns:
+        The numbers as plain data, the scenarios that were flown by name, and the figures' names.
+    """
     from tqdm import tqdm
 
-    folder = output_folder(args.out)
-    begun = time.perf_counter()
     results: dict[str, Any] = {}
     scenarios: dict[str, Scenario] = {}
     figures: dict[str, Callable[[], Any]] = {}
@@ -123,16 +106,7 @@ def run(args: argparse.Namespace) -> int:
             bar.set_description(name)
             paper_figures.save(draw(), folder, name)
             bar.update()
-    blocks = report_blocks(results)
-    write_text(folder / "report.md", markdown(blocks))
-    write_text(folder / "report.html", page("The paper's figures and tables, flown again", blocks, folder))
-    document = {"finished": True, **results, "wall_time_s": round(time.perf_counter() - begun, 3)}
-    report.write_results(folder, args.command_line, scenarios, document)
-    for block in blocks:
-        if isinstance(block, Table) and "RMSE" in block.header[1]:
-            print(f"{report.grid(block.header, block.rows)}\n")
-    print(f"{len(figures)} figures, report.md, report.html and results.json are in {folder}")
-    return 0
+    return results, scenarios, list(figures)
 
 
 def _percent(ours: float, theirs: float) -> float:
@@ -161,8 +135,7 @@ def _fly(
     scenario: Scenario, laws: Sequence[Gains], seeds: Sequence[int], parameters: Mapping[str, npt.ArrayLike] | None
 ) -> Flight:
     """Fly one gain set per simulation at the paper's sampling time."""
-    policy = Policy("laws", "one gain set per simulation", lambda known: Controller(laws, known))
-    return fly(policy, scenario, seeds, parameters, extra=("velocity", "ship_velocity", "depth_m"))
+    return fly(one_for_each(laws), scenario, seeds, parameters, extra=("velocity", "ship_velocity", "depth_m"))
 
 
 def _pulse(size: npt.ArrayLike) -> dict[str, npt.ArrayLike]:
@@ -254,7 +227,7 @@ def _cases(results: dict[str, Any], figures: dict[str, Callable[[], Any]], scena
         "mass_error_percent": 20.0,
         "position_gain": 300.0,
         "velocity_gain": 250.0,
-        "nlpd": {name: getattr(gains("paper"), name) for name in ("mu_p", "mu_v", "b_p")},
+        "nlpd": {name: getattr(gains("nlpd"), name) for name in ("mu_p", "mu_v", "b_p")},
     }
     results["published"] = {f"{case}, {law}": row._asdict() for (case, law), row in PUBLISHED.items()}
     results["tables"] = {
@@ -331,7 +304,7 @@ def _lyapunov(
 
 def _sweep(results: dict[str, Any], figures: dict[str, Callable[[], Any]], scenarios: dict[str, Scenario]) -> None:
     """Both printed laws through pulses of growing size."""
-    laws = {"PD, as printed": gains("paper-pd"), "NLPD, as printed": gains("paper")}
+    laws = {"PD, as printed": gains("pd"), "NLPD, as printed": gains("nlpd")}
     n = PULSE_SIZES_N.size
     duration = 45.0
     scenario = paper.sampled_as_published(Scenario().merged({**_SWEPT, "episode": {"duration_s": duration}}))
@@ -378,8 +351,8 @@ def _calibrated(
     known = CALIBRATED[case]
     scenario = paper.sampled_as_published(Scenario.named(known.scenario))
     sides = {
-        "PD": ("PD, as found", gains("paper-pd-plain"), paper.without_coriolis(scenario)),
-        "NLPD": ("NLPD, as printed", gains("paper"), scenario),
+        "PD": ("PD, as found", gains("pd-plain"), paper.without_coriolis(scenario)),
+        "NLPD": ("NLPD, as printed", gains("nlpd"), scenario),
     }
     found: dict[str, Any] = {}
     residuals = []
@@ -431,7 +404,8 @@ def _cells(row: Mapping[str, Any], outage: bool = True) -> list[str]:
         if key == "restoring_time_s" and (not outage or value == 0.0):
             cells.append("none" if outage else "–")
             continue
-        cells.append(_number(value, digits) + _signed(differences.get(key, math.nan)))
+        never = key.endswith("_time_s") and not math.isfinite(value)
+        cells.append("never" if never else _number(value, digits) + _signed(differences.get(key, math.nan)))
     return cells
 
 

@@ -1,64 +1,26 @@
-"""`uwoc-gym replay`: policies on the same episode as one page that opens offline."""
+"""Policies on the same episode as one page that opens offline."""
 
 from __future__ import annotations
 
-import argparse
 import importlib.resources
 import json
 import math
-import sys
 from typing import Any
 
 import numpy as np
 
-from uwoc_gym.agents.flight import Flight, fly
-from uwoc_gym.agents.options import moment, require, write_text
-from uwoc_gym.agents.reports import tables as report
-from uwoc_gym.agents.viewing import episode
+from uwoc_gym.agents.flight import Flight
+from uwoc_gym.agents.reports.tables import MEASURES
+from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.link import Cone
 from uwoc_gym.sea import drawn_pulses
-
-HELP = "fly policies through one episode and write it as a page to turn, zoom and play"
-EXAMPLES = """\
-examples:
-  uwoc-gym replay
-  uwoc-gym replay --policy pd nlpd runs/ppo/model.zip --scenario Random --seed 7 --out random.html
-
-The page holds all it needs in one file; open it in any browser with WebGL.
-"""
 
 _PERIOD_S = 0.1
 """Time between the samples that the page holds, or the control period where that is longer [s]."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    episode.add_arguments(parser, ["pd", "nlpd"])
-    episode.add_file_arguments(parser, "replay.html", False, "the page")
-    parser.add_argument(
-        "--at", type=moment, default=0.0, metavar="S", help="moment that the page opens at [s] (default: 0)"
-    )
-
-
-def run(args: argparse.Namespace) -> int:
-    """Fly and write; returns the exit status."""
-    require("plotly", "tqdm")
-    from plotly.offline import get_plotlyjs
-    from tqdm import tqdm
-
-    wanted = episode.chosen(args)
-    path = episode.output_file(args.out, (".html",), args.force)
-    flights = {}
-    for policy in tqdm(wanted.policies, unit="policy", file=sys.stderr, desc="flying"):
-        flights[policy.name] = fly(policy, wanted.scenario, [wanted.seed])
-    text = page(page_data(wanted, flights, args.at), get_plotlyjs())
-    write_text(path, text)
-    print(f"{path}: {len(text.encode()) / 1e6:.2f} MB")
-    return 0
-
-
-def page_data(wanted: episode.Episode, flights: dict[str, Flight], start_s: float = 0.0) -> dict[str, Any]:
+def page_data(wanted: Episode, flights: dict[str, Flight], start_s: float = 0.0) -> dict[str, Any]:
     """What the page shows, as plain data: the flights sampled and rounded.
 
     Args:
@@ -92,7 +54,7 @@ def page_data(wanted: episode.Episode, flights: dict[str, Flight], start_s: floa
         "policies": [_policy(name, flight, stride) for name, flight in flights.items()],
         "outcome": [
             [measure.heading, *(measure.text(row[measure.key]) for row in rows)]
-            for measure in report.MEASURES
+            for measure in MEASURES
             if measure.key != "lost"
         ]
         + [["end", *("link lost" if row["lost"] else "in time" for row in rows)]],

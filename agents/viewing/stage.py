@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pygame
 
-from uwoc_gym.agents.flight import Policy, decide
-from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.flight import decide
 from uwoc_gym.agents.viewing.episode import Episode
+from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.rendering import ACCENTS, Colour, Renderer, text_image
 from uwoc_gym.scenario import Scenario
@@ -24,7 +25,7 @@ class Pilot:
     def __init__(self, policy: Policy, scenario: Scenario, size: tuple[int, int], accent: Colour) -> None:
         self._policy = policy
         self._predictor = policy.make(scenario)
-        self._env = TrackingEnv(scenario=scenario)
+        self.env = TrackingEnv(scenario=scenario)
         self._memory: Any = None
         self._begun = True
         self._observation: Any = None
@@ -34,10 +35,10 @@ class Pilot:
 
     def reset(self, seed: int, title: str) -> None:
         """Begin the episode of a seed."""
-        self._observation, _ = self._env.reset(seed=seed)
+        self._observation, _ = self.env.reset(seed=seed)
         self._memory, self._begun, self.ended, self.time_s = None, True, False, 0.0
         self.renderer.title = title
-        self.renderer.begin(self._env.state(), self._env.parameters())
+        self.renderer.begin(self.env.state(), self.env.parameters())
 
     def step(self) -> None:
         """Fly one control period, unless the episode has ended."""
@@ -47,8 +48,8 @@ class Pilot:
             self._policy, self._predictor, self._observation[None], self._memory, np.array([self._begun])
         )
         self._begun = False
-        self._observation, _, terminated, truncated, _ = self._env.step(actions[0])
-        state = self._env.state()
+        self._observation, _, terminated, truncated, _ = self.env.step(actions[0])
+        state = self.env.state()
         self.time_s = state["time_s"]
         self.renderer.record(state)
         self.ended = terminated or truncated
@@ -58,7 +59,7 @@ class Pilot:
     def push(self, impulse: npt.ArrayLike, words: str) -> None:
         """Give the AUV a shove [N s, N s, N m s], unless the episode has ended."""
         if not self.ended:
-            self._env.push(impulse)
+            self.env.push(impulse)
             self.renderer.note(words)
 
 
@@ -73,7 +74,7 @@ class Stage:
     def __init__(self, episode: Episode, size: tuple[int, int]) -> None:
         self.episode = episode
         self.surface = pygame.Surface(size, 0, 32)
-        self._cells = _cells(len(episode.policies), size)
+        self._cells = cells(len(episode.policies), size)
         if any(cell.width < SMALLEST_FRAME[0] or cell.height < SMALLEST_FRAME[1] for cell in self._cells):
             raise CommandError(
                 f"--size {size[0]}x{size[1]} is not allowed with {len(self._cells)} policies; each needs at least "
@@ -126,7 +127,7 @@ class Stage:
         return pygame.image.tobytes(self.draw(), "RGB")
 
 
-def _cells(count: int, size: tuple[int, int]) -> list[pygame.Rect]:
+def cells(count: int, size: tuple[int, int]) -> list[pygame.Rect]:
     """Where each of so many pictures goes: the grid that leaves each the largest scale."""
 
     def scale(columns: int) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from uwoc_gym.agents.options import CommandError
+from uwoc_gym.agents.errors import CommandError
 
 SUFFIXES = (".mp4", ".gif")
 

@@ -8,11 +8,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from uwoc_gym import Scenario
-from uwoc_gym.agents import load
-from uwoc_gym.agents.flight import POLICIES, TRAINED, fly
+from uwoc_gym import Scenario, agents
+from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning.seeds import VALIDATION
-from uwoc_gym.agents.learning.settings import ALGORITHMS
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.registry import POLICIES, TRAINED
 
 NAMES = ("ppo", "ppo-residual", "td3")
 
@@ -58,7 +58,7 @@ def test_beats_the_tuned_nlpd_with_less_effort(name):
 
 
 def test_loads_by_name_and_flies_a_single_environment():
-    policy = load("ppo", "Nominal")
+    policy = agents.load("ppo", "Nominal")
     env = gym.make("uwoc_gym:uwoc/Nominal-v0")
     observation, info = env.reset(seed=0)
     memory, start = None, np.ones(1, dtype=bool)

@@ -11,7 +11,6 @@ import pytest
 from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.reports import paper_figures
-from uwoc_gym.agents.reports.documents import Heading, Paragraph, Picture, Table, markdown, page
 from uwoc_gym.baselines.paper import IMPROVEMENT, PUBLISHED, improvement, sampled_as_published, without_coriolis
 
 LARGEST_RESIDUAL_PERCENT = {"case-1": 8.0, "case-2": 9.0}
@@ -134,15 +133,6 @@ def test_report_names_no_number_that_the_results_lack(folder, results):
         unit = 10.0 ** (int(exponent or 0) - digits)
         # Half a unit of the last digit that is shown, and a little for a value that lies on the half.
         assert any(abs(float(token) - value) <= 0.5001 * unit for value in known), token
-
-
-def test_document_escapes_html_and_lines_up_tables(tmp_path):
-    (tmp_path / "a.svg").write_text("<svg/>", encoding="utf-8")
-    blocks = [Heading("a < b", 1), Paragraph("x & y"), Table(["", "n"], [["one", "1"]], "c"), Picture("a", "p")]
-    html = page("t", blocks, tmp_path)
-    assert "<h1>a &lt; b</h1>" in html
-    assert "<p>x &amp; y</p>" in html
-    assert markdown(blocks).startswith("# a < b\n\nx & y\n\n|     | n |")
 
 
 def test_needs_a_folder_that_can_be_written(tmp_path, capsys):

@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import flight as evaluate
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.viewing import replay
-from uwoc_gym.agents.viewing.episode import Episode
+from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.policies.registry import load
 
 pytest.importorskip("plotly")
 
@@ -65,7 +64,7 @@ def test_the_data_are_those_of_the_flights(page: Path) -> None:
     data = data_of(page)
     assert [policy["name"] for policy in data["policies"]] == ["pd-plain", "nlpd"]
     scenario = Scenario.named("StrongPulse")
-    flight = evaluate.fly(evaluate.load("nlpd"), scenario, [0])
+    flight = fly(load("nlpd"), scenario, [0])
     series, own = flight.series, data["policies"][1]
     assert data["period_s"] == pytest.approx(0.1)
     assert len(own["x"]) == 1501
@@ -80,20 +79,6 @@ def test_the_data_are_those_of_the_flights(page: Path) -> None:
     assert data["pulses"] == [{"begin_s": 30.0, "end_s": 31.0, "words": "pulse: 1500 N, 1500 N, 1500 N m"}]
     cone = scenario.link.cone()
     assert data["radius_m"] == pytest.approx(cone.footprint_radius_m(cone.height_m), abs=1e-3)
-
-
-def test_a_lost_link_and_strange_names_are_written_safely(tmp_path: Path) -> None:
-    far = Scenario().merged({"start": {"x_m": 0.0, "y_m": -20.0}, "episode": {"lost_distance_m": 1.0}})
-    policy = evaluate.load("pd")
-    flights = {"</script><b>": evaluate.fly(policy, far, [0])}
-    data = replay.page_data(Episode([policy], "<far>", far, 0), flights)
-    text = replay.page(data, "var library;</script>")
-    assert text.count("</script>") == 3
-    assert data["outcome"][-1] == ["end", "link lost"]
-    assert data["policies"][0]["log_rate"] == [None]
-    path = tmp_path / "page.html"
-    path.write_text(text, encoding="utf-8")
-    assert data_of(path)["policies"][0]["name"] == "</script><b>"
 
 
 def test_existing_pages_are_kept_without_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""`watch` and `record`: what they show and write, keys, interruptions and errors."""
+"""Recording: what it writes, interruptions and errors."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
-from uwoc_gym.agents import flight as evaluate
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.commands import watch
-from uwoc_gym.agents.viewing import episode, video
 
 pygame = pytest.importorskip("pygame")
+
+
 pytest.importorskip("imageio_ffmpeg")
 
 from uwoc_gym.agents.viewing import stage as staging  # noqa: E402
@@ -40,20 +39,6 @@ def record(scenario_file: Path, tmp_path: Path) -> Callable[..., int]:
         return main(["record", "--scenario", str(scenario_file), *SMALL, *options])
 
     return run
-
-
-def an_episode(scenario: str | Path, *policies: str, seed: int = 0) -> episode.Episode:
-    name, found = evaluate.load_scenario(str(scenario))
-    return episode.Episode([evaluate.load(policy) for policy in policies], name, found, seed)
-
-
-@pytest.fixture
-def press(monkeypatch: pytest.MonkeyPatch) -> Callable[[watch.Player, str], bool]:
-    def one(player: watch.Player, key: str) -> bool:
-        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=getattr(pygame, f"K_{key}")))
-        return player.frame()
-
-    return one
 
 
 def test_both_kinds_of_file(
@@ -157,17 +142,6 @@ def test_a_missing_encoder_is_named(
     assert "there is no ffmpeg" in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_an_encoder_that_fails_is_quoted(tmp_path: Path) -> None:
-    def write() -> None:
-        with video.Video(tmp_path / "a.mp4", (641, 361), 20.0) as writer:
-            for _ in range(50):
-                writer.add(bytes(641 * 361 * 3))
-
-    with pytest.raises(video.CommandError, match=r"--out .*a\.mp4: ffmpeg failed: "):
-        write()
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("missing", ["pygame", "imageio_ffmpeg", "plotly"])
 def test_missing_extras_are_named(
     missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -205,109 +179,6 @@ def test_errors_are_one_line(options: list[str], words: list[str], capsys: pytes
     assert len(captured.err.splitlines()) == 1
     for word in words:
         assert word in captured.err
-
-
-@pytest.mark.parametrize(
-    ("count", "size", "grid"),
-    [(1, (1280, 720), (1, 1)), (2, (1280, 720), (2, 1)), (3, (1280, 720), (3, 1)), (4, (1280, 720), (2, 2)),
-     (2, (720, 1280), (1, 2))],
-)  # fmt: skip
-def test_pictures_share_the_frame(count: int, size: tuple[int, int], grid: tuple[int, int]) -> None:
-    cells = staging._cells(count, size)
-    assert (len({cell.left for cell in cells}), len({cell.top for cell in cells})) == grid
-    whole = pygame.Rect((0, 0), size)
-    for i, cell in enumerate(cells):
-        assert whole.contains(cell)
-        assert cell.collidelist(cells[:i]) == -1
-
-
-def test_a_stage_flies_the_episode_of_the_benchmark() -> None:
-    wanted = an_episode("Random", "nlpd", "pd", seed=4)
-    stage = staging.Stage(wanted, (640, 360))
-    stage.fly_until(3.0)
-    flight = evaluate.fly(wanted.policies[0], wanted.scenario, [4])
-    np.testing.assert_array_equal(stage.pilots[0]._env.state()["pose"], flight.series.pose[60])
-    assert stage.time_s == pytest.approx(3.0)
-
-
-def test_keys(press: Callable[[watch.Player, str], bool], scenario_file: Path) -> None:
-    player = watch.Player(an_episode(scenario_file, "pd", "nlpd"), (640, 360), 1.0)
-    for _ in range(3):
-        assert player.frame()
-    time_s = player.stage.time_s
-    assert time_s == pytest.approx(0.1)
-    assert press(player, "SPACE")
-    time_s = player.stage.time_s
-    assert player.frame()
-    assert player.stage.time_s == time_s
-    assert press(player, "SPACE")
-    assert press(player, "UP")
-    assert player.speed == 2.0
-    assert press(player, "DOWN")
-    assert press(player, "DOWN")
-    assert player.speed == 0.5
-    before = [pilot._env.state()["velocity"] for pilot in player.stage.pilots]
-    player.paused = True
-    assert press(player, "RIGHT")
-    after = [pilot._env.state()["velocity"] for pilot in player.stage.pilots]
-    for i in range(2):
-        assert after[i][1] - before[i][1] == pytest.approx(watch.SHOVE / 250.0, rel=0.3)
-    assert press(player, "LEFT")
-    for i, pilot in enumerate(player.stage.pilots):
-        np.testing.assert_allclose(pilot._env.state()["velocity"], before[i], atol=1e-12)
-    player.paused = False
-    assert press(player, "n")
-    assert player.stage.seed == 1
-    assert player.stage.time_s == 0.0
-    assert press(player, "r")
-    assert player.stage.seed == 1
-    player.speed = 32.0
-    for _ in range(5):
-        assert player.frame()
-    assert player.stage.ended
-    assert press(player, "RIGHT")
-    assert not press(player, "q")
-    player.close()
-
-
-def test_watch_ends_well_when_the_window_is_closed(
-    scenario_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    frames: list[int] = []
-    real = watch.Player.frame
-
-    def frame(self: watch.Player) -> bool:
-        frames.append(1)
-        if len(frames) == 3:
-            pygame.event.post(pygame.event.Event(pygame.QUIT))
-        return real(self)
-
-    monkeypatch.setattr(watch.Player, "frame", frame)
-    assert main(["watch", "--scenario", str(scenario_file), *SMALL]) == 0
-    assert len(frames) == 3
-    assert capsys.readouterr() == ("", "")
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="only on Linux can a display be taken away")
-def test_watch_without_a_display(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    pygame.display.quit()
-    assert main(["watch"]) == 1
-    error = capsys.readouterr().err
-    assert "no display" in error
-    assert "rgb_array" in error
-    assert "uwoc-gym record" in error
-
-
-def test_the_shell_needs_no_pygame_until_something_is_drawn() -> None:
-    import subprocess
-
-    code = (
-        "import sys; from uwoc_gym.agents import cli; cli.main(['list'])\n"
-        "sys.exit(', '.join({'pygame', 'plotly', 'torch', 'matplotlib'} & set(sys.modules)) or 0)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=300, stdout=subprocess.DEVNULL)
 
 
 def test_pictures_too_small_for_all_policies_are_refused(tmp_path, capsys):

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +14,11 @@ from stable_baselines3 import PPO, TD3
 
 from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.flight import load, shipped
+from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.learning import protocol
-from uwoc_gym.agents.reports import tables as report
+from uwoc_gym.agents.learning.plans import Wish
+from uwoc_gym.agents.policies.registry import load, shipped
+from uwoc_gym.agents.reports import tables
 
 
 @pytest.fixture(scope="module")
@@ -21,18 +27,15 @@ def flown(tmp_path_factory):
     root = tmp_path_factory.mktemp("protocol")
     scenario = root / "short.json"
     scenario.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 3.0}}).to_json())
-    small = {
-        "ppo": ("--frame-stack", "1", "--envs", "4", "--set", "n_steps=16", "--set", "batch_size=32"),
-        "td3": ("--frame-stack", "1", "--envs", "2"),
-    }
     groups = {
-        name: protocol.Group(("--algorithm", name, *options, "--eval-episodes", "2"), 10, f"{name} in a test")
-        for name, options in small.items()
+        "ppo": Wish(algorithm="ppo", frame_stack=1, envs=4, set=("n_steps=16", "batch_size=32"), eval_episodes=2),
+        "td3": Wish(algorithm="td3", frame_stack=1, envs=2, eval_episodes=2),
     }
     words = ["protocol", "--groups", "ppo", "td3", "--training-seeds", "2", "--steps", "128", "--seeds", "6"]
     words += ["--scenario", str(scenario), "--runs", str(root / "runs"), "--ship", str(root / "trained")]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(protocol, "GROUPS", groups)
+        for name, wish in groups.items():
+            patch.setitem(protocol.GROUPS, name, protocol.Group(wish, 10, f"{name} in a test"))
         assert main([*words, "--out", str(root / "out")]) == 0
         stamps = {path: path.stat().st_mtime_ns for path in (root / "runs").glob("*/model.zip")}
         assert main([*words, "--out", str(root / "again")]) == 0
@@ -43,7 +46,7 @@ def flown(tmp_path_factory):
 def test_every_policy_is_compared_with_the_reference(flown):
     results = json.loads((flown / "out/results.json").read_text())
     own = results["results"]["short"]
-    assert set(own) == {*protocol.CONTROLLERS, "ppo", "td3"}
+    assert set(own) == {"pd", "nlpd", "pd-tuned", "nlpd-tuned", "ppo", "td3"}
     assert own["ppo"]["trainings"] == 2
     assert own["ppo"]["episodes"] == 6
     assert own["ppo"]["measures"]["arrival_time_s"]["episodes"] == 12
@@ -57,21 +60,6 @@ def test_every_policy_is_compared_with_the_reference(flown):
     assert scores["short/ppo/return"].shape == (2, 6)
 
 
-def test_what_says_never_is_counted():
-    returns, reference = np.ones((2, 3)), np.ones((1, 3))
-    measures = {measure.key: returns for measure in report.MEASURES} | {"steps": returns}
-    restoring = np.array([[np.inf, np.nan, 1.0], [2.0, 3.0, np.inf]])
-    own = {"ppo": measures | {"restoring_time_s": restoring}}
-    own["nlpd-tuned"] = dict.fromkeys(measures, reference) | {"arrival_time_s": np.array([[np.nan, 1.0, 1.0]])}
-    found = protocol.compared(own)
-    ppo = found["ppo"]["measures"]["restoring_time_s"]
-    assert (ppo["mean"], ppo["values"], ppo["never"], ppo["episodes"]) == (2.0, 3, 2, 6)
-    results = {"held_out_seeds": 3, "results": {"here": found}, "groups": {}, "microseconds_a_decision": {}}
-    text = protocol.benchmark_text("uwoc-gym protocol", results)
-    assert "(5 of 6, 2 of them never)" in text
-    assert "1.00 (1 of 3 never)" in text
-
-
 def test_same_runs_give_the_same_numbers(flown):
     one, two = (json.loads((flown / name / "results.json").read_text())["results"] for name in ("out", "again"))
     assert one == two
@@ -80,7 +68,7 @@ def test_same_runs_give_the_same_numbers(flown):
 def test_text_and_figure(flown):
     text = (flown / "out/BENCHMARK.md").read_text()
     assert "## short" in text
-    for measure in report.MEASURES:
+    for measure in tables.MEASURES:
         assert f"| {measure.heading}" in text
     assert "`uwoc-gym train --algorithm td3" in text
     assert (flown / "out/profile-short.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
@@ -104,8 +92,8 @@ def test_shipped_agents_decide_as_the_best_runs_and_load_with_plain_sb3(flown):
 
 
 def test_a_failed_training_is_named(tmp_path, capsys, monkeypatch):
-    broken = protocol.Group(("--algorithm", "ppo", "--set", "n_stps=4"), 1, "PPO")
-    monkeypatch.setattr(protocol, "GROUPS", {"ppo": broken})
+    broken = protocol.Group(Wish(algorithm="ppo", set=("n_stps=4",)), 1, "PPO")
+    monkeypatch.setitem(protocol.GROUPS, "ppo", broken)
     words = ["protocol", "--groups", "ppo", "--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out")]
     assert main(words) == 1
     error = capsys.readouterr().err.splitlines()[-1]
@@ -117,3 +105,27 @@ def test_a_failed_training_is_named(tmp_path, capsys, monkeypatch):
 def test_refuses_more_seeds_than_are_held_out(tmp_path, capsys):
     assert main(["protocol", "--seeds", "201", "--runs", str(tmp_path), "--out", str(tmp_path)]) == 1
     assert "there are 200 held-out seeds" in capsys.readouterr().err
+
+
+def _kill(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
+    wish = Wish(algorithm="ppo", envs=4, steps=128, set=("n_steps=16", "batch_size=32"), eval_episodes=2, seed=0)
+    job = protocol.Job(wish, tmp_path / "ppo-0")
+    with monkeypatch.context() as patch:
+        patch.setattr(protocol, "train_and_tell", _kill)
+        with pytest.raises(CommandError, match="ppo-0: its process ended with status -9"):
+            protocol.train_all([job], 1)
+    protocol.train_all([job], 1)
+    assert json.loads((job.folder / "results.json").read_text())["finished"]
+    with pytest.raises(CommandError, match="was begun with other settings"):
+        protocol.train_all([protocol.Job(replace(wish, set=()), job.folder)], 1)
+
+
+def test_groups_say_the_commands_of_the_benchmark():
+    text = (Path(protocol.__file__).parents[1] / "BENCHMARK.md").read_text(encoding="utf-8")
+    for name, group in protocol.GROUPS.items():
+        assert f"| {name} " in text
+        assert f"`{' '.join(['uwoc-gym train', *group.wish.words()])}`" in text

@@ -1,51 +1,13 @@
-"""Tuning: what is scored, on which seeds, and that the shipped gains are what they say."""
+"""Tuning from end to end."""
 
 from __future__ import annotations
 
 import json
 
-import numpy as np
-import pytest
-
 from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.flight import POLICIES, fly
-from uwoc_gym.agents.learning import tuning as tune
-from uwoc_gym.agents.learning.seeds import HELD_OUT, VALIDATION, training_seed
-from uwoc_gym.baselines import gains
 
 SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 4.0}})
-
-
-def test_score_is_the_mean_return_on_training_seeds():
-    points = [tune._point(gains(name), tune._NLPD_BOX) for name in ("paper-pd", "tuned-nlpd")]
-    scored = tune.controller_score(SHORT, 0, 6)(points)
-    first = training_seed(0)
-    for name, (score, outcome) in zip(("pd", "nlpd-tuned"), scored, strict=True):
-        flown = fly(POLICIES[name], SHORT, range(first, first + 6)).metrics
-        assert score == pytest.approx(flown.return_.mean(), rel=1e-3)
-        assert outcome["availability"] == pytest.approx(flown.availability.mean(), rel=0.02)
-
-
-def test_training_validation_and_held_out_seeds_never_meet():
-    first = training_seed(0)
-    assert not set(HELD_OUT) & set(VALIDATION)
-    assert min(first, training_seed(7)) > max(*HELD_OUT, *VALIDATION)
-
-
-def test_gains_of_a_point_and_back():
-    law = gains("tuned-nlpd")
-    point = tune._point(law, tune._NLPD_BOX)
-    again = tune.gains_of(point)
-    for name in ("a_p", "a_v", "b_p", "b_v", "mu_p", "mu_v"):
-        np.testing.assert_allclose(getattr(again, name), getattr(law, name))
-
-
-@pytest.mark.parametrize(("tuned", "printed"), [("pd-tuned", "pd"), ("nlpd-tuned", "nlpd")])
-def test_tuned_gains_beat_the_printed_ones_on_validation_seeds(tuned, printed):
-    scenario = Scenario.named("Random")
-    scores = {name: fly(POLICIES[name], scenario, VALIDATION[:32]).metrics.return_ for name in (tuned, printed)}
-    assert (scores[tuned] - scores[printed]).mean() > 20.0
 
 
 def test_controller_is_tuned_and_resumed(tmp_path, capsys):
@@ -84,3 +46,19 @@ def test_learner_is_tuned_by_short_trainings(tmp_path):
 def test_refuses_an_unknown_scenario(tmp_path, capsys):
     assert main(["tune", "pd", "--scenario", "Randm", "--out", str(tmp_path)]) == 1
     assert "--scenario: there is no scenario 'Randm'; did you mean 'Random'" in capsys.readouterr().err
+
+
+def test_learner_is_tuned_on_what_is_said(tmp_path):
+    path = tmp_path / "short.json"
+    path.write_text(SHORT.to_json())
+    words = ["tune", "td3", "--scenario", str(path), "--override", '{"depth_m": 3.7}', "--trials", "1", "--steps", "64"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    flown = SHORT.merged({"depth_m": 3.7}).digest()
+    assert json.loads((tmp_path / "out/results.json").read_text())["scenarios"] == {"short": flown}
+    trial = json.loads((tmp_path / "out/trial-0000/results.json").read_text())
+    assert trial["scenarios"]["evaluation"] == flown
+
+
+def test_a_controller_is_tuned_in_no_other_environment(tmp_path, capsys):
+    assert main(["tune", "pd", "--env", "CartPole-v1", "--out", str(tmp_path)]) == 1
+    assert "--env is not allowed for pd" in capsys.readouterr().err
