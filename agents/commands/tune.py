@@ -11,10 +11,11 @@ from typing import Any
 
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.learning import tuning
-from uwoc_gym.agents.learning.plans import Plan, Wish, planned
+from uwoc_gym.agents.learning.plans import Wish, planned
 from uwoc_gym.agents.learning.search import Dimension, Found, search
-from uwoc_gym.agents.options import add_scenario_arguments, add_search_arguments, scenario_of, whole
+from uwoc_gym.agents.options import add_scenario_arguments, add_search_arguments, whole
 from uwoc_gym.agents.reports import files
+from uwoc_gym.agents.scenarios import said
 from uwoc_gym.baselines import gains
 
 HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
@@ -30,7 +31,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument("target", choices=(*tuning.CONTROLLERS, *tuning.LEARNERS), help="what to tune")
-    add_scenario_arguments(parser, "Random", "what it is tuned on: ")
+    add_scenario_arguments(parser, None, "what it is tuned on, by default Random: ")
     parser.add_argument("--env", metavar="ID", help="an environment of another package that a learner is tuned on")
     parser.add_argument(
         "--trials", type=whole(1), metavar="N", help="points to try in all (default: 2000; learners 30)"
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 def _gains(args: argparse.Namespace) -> Found:
     if args.env is not None:
         raise CommandError(f"--env is not allowed for {args.target}, a controller; give --scenario.")
-    name, scenario = scenario_of(args)
+    name, _, _, scenario = said(args.scenario or "Random", args.override)
     folder = files.output_folder(args.out)
     box = tuning.CONTROLLERS[args.target]
     problem = {
@@ -96,16 +97,20 @@ def _gains(args: argparse.Namespace) -> Found:
 def _settings(args: argparse.Namespace) -> Found:
     require("yaml", "stable_baselines3", "tensorboard", "matplotlib")
     folder = Path(args.out)
-    wish = Wish(algorithm=args.target, env=args.env, steps=args.steps, seed=args.seed)
-    if args.env is None:
-        wish = Wish(**{**asdict(wish), "scenario": args.scenario, "override": args.override})
-    plan: Plan = planned(wish)
+    wish = Wish(
+        algorithm=args.target,
+        env=args.env,
+        scenario=args.scenario,
+        override=args.override,
+        steps=args.steps,
+        seed=args.seed,
+    )
+    plan = planned(wish)
     files.output_folder(folder)
     box = tuning.LEARNERS[args.target]
-    problem = {
-        "target": args.target, "seed": args.seed, "env": plan.env_id, "steps": args.steps,
-        **({"scenario": plan.task.to_dict()} if plan.name != plan.env_id or plan.overrides else {}),
-    }  # fmt: skip
+    problem: dict[str, Any] = {"target": args.target, "seed": args.seed, "env": plan.env_id, "steps": args.steps}
+    if plan.task is not None and (plan.name != plan.env_id or plan.overrides):
+        problem["scenario"] = plan.task.to_dict()
     found = search(
         folder,
         problem,
