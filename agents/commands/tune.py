@@ -124,7 +124,7 @@ def _settings(args: argparse.Namespace) -> Found:
         resume=args.resume,
     )
     best = folder / f"trial-{int(found.best.outcome['trial']):04d}"
-    files.write_text(folder / "settings.yaml", (best / "settings.yaml").read_text(encoding="utf-8"))
+    files.copy(best / "settings.yaml", folder / "settings.yaml")
     files.write_results(folder, args.command_line, {plan.name: plan.task}, _document(problem, box, found))
     _show(args.target, plan.name, found, {})
     return found

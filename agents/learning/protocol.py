@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import shutil
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -172,7 +171,7 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
     target.mkdir(parents=True, exist_ok=True)
     for name in ("settings.yaml", "results.json", "vecnormalize.pkl"):
         if (best / name).is_file():
-            shutil.copyfile(best / name, target / name)
+            files.copy(best / name, target / name)
     description = saved.read_description(best / saved.DESCRIPTION)
     files.write_json(
         target / saved.DESCRIPTION, {**description, "description": f"{text}; trained on {description['env']}"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import signal
 import sys
 import time
@@ -292,7 +291,7 @@ class Run:
         if self.progress.best_steps is not None:
             for name in ("model.zip", "vecnormalize.pkl"):
                 if (self.folder / name).is_file():
-                    shutil.copyfile(self.folder / name, folder / f"best.{name}")
+                    files.copy(self.folder / name, folder / f"best.{name}")
         if self.kind.off_policy:
             save_buffer(self.model.replay_buffer, folder / "replay.npz")
         files.write_json(folder / "progress.json", self.progress.__dict__)
@@ -302,8 +301,7 @@ class Run:
         for name in ("model.zip", "vecnormalize.pkl"):
             (self.folder / name).unlink(missing_ok=True)
             if (path / f"best.{name}").is_file():
-                with files.whole(self.folder / name) as part:
-                    shutil.copyfile(path / f"best.{name}", part)
+                files.copy(path / f"best.{name}", self.folder / name)
 
     def write_results(self) -> None:
         """Write results.json and draw the learning curve."""

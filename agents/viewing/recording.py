@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.agents.viewing.stage import Stage
-from uwoc_gym.agents.viewing.video import Video
+from uwoc_gym.agents.viewing.video import writing
 
 
 class Recorded(NamedTuple):
@@ -53,7 +53,7 @@ def record(
     count = math.floor((end_s - begin_s) * frames_per_s / speed + 1e-9) + 1
     shown = 0
     with ExitStack() as files, _interruption() as interrupted:
-        writers = [files.enter_context(Video(path, size, frames_per_s)) for path in paths]
+        writers = [files.enter_context(writing(path, size, frames_per_s)) for path in paths]
         for k in tqdm(range(count), unit="frame", file=sys.stderr, desc="recording"):
             stage.fly_until(begin_s + k * speed / frames_per_s)
             frame = stage.frame()

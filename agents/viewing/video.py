@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.reports.files import whole
 
 SUFFIXES = (".mp4", ".gif")
 
@@ -30,10 +30,9 @@ def encoder() -> str:
         ) from None
 
 
-class Video:
-    """A video file to which frames are added.
-
-    Used as a context: where that ends without an error, the file gets its name; otherwise nothing is left.
+@contextmanager
+def writing(path: Path, size: tuple[int, int], frames_per_s: float) -> Iterator[Video]:
+    """A video to which frames are added; where the block ends without an error the file is there, otherwise not.
 
     Args:
         path: The file, whose suffix says how it is encoded: MP4 (H.264, yuv420p) or GIF (one palette for all frames).
@@ -41,12 +40,23 @@ class Video:
         frames_per_s: Frames shown per second.
 
     Raises:
-        CommandError: There is no encoder.
+        CommandError: There is no encoder, or it fails.
     """
+    with whole(path) as part:
+        video = Video(path, part, size, frames_per_s)
+        try:
+            yield video
+            video.finish()
+        finally:
+            video.close()
 
-    def __init__(self, path: Path, size: tuple[int, int], frames_per_s: float) -> None:
+
+class Video:
+    """What ffmpeg is given, frame by frame; see `writing`."""
+
+    def __init__(self, path: Path, part: Path, size: tuple[int, int], frames_per_s: float) -> None:
         self._path = path
-        self._part = path.with_name(f".{path.name}.part")
+        self._part = part
         self._draft = path.with_name(f".{path.name}.draft")
         self._palette = path.with_name(f".{path.name}.png")
         self._encoder = encoder()
@@ -82,7 +92,12 @@ class Video:
         _, said = self._process.communicate()
         return _failed(self._path, said)
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
+        """Complete the file.
+
+        Raises:
+            CommandError: The encoder fails.
+        """
         _, said = self._process.communicate()
         if self._process.returncode != 0:
             raise _failed(self._path, said)
@@ -90,7 +105,6 @@ class Video:
             self._run(["-i", str(self._draft), "-vf", "palettegen=max_colors=192:stats_mode=full", "-f", "image2"])
             dither = "paletteuse=dither=none:diff_mode=rectangle"
             self._run(["-i", str(self._draft), "-i", str(self._palette), "-lavfi", dither, "-f", "gif"])
-        os.replace(self._part, self._path)
 
     def _run(self, how: list[str]) -> None:
         target = self._palette if "image2" in how else self._part
@@ -104,24 +118,16 @@ class Video:
         if done.returncode != 0:
             raise _failed(self._path, done.stderr)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            if kind is None:
-                self._finish()
-        finally:
-            if self._process.poll() is None:
-                self._process.kill()
-                self._process.communicate()
-            for pipe in (self._process.stdin, self._process.stderr):
-                if pipe is not None and not pipe.closed:
-                    pipe.close()
-            for path in (self._part, self._draft, self._palette):
-                path.unlink(missing_ok=True)
+    def close(self) -> None:
+        """Stop the encoder where it still runs, and remove what only it needed."""
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.communicate()
+        for pipe in (self._process.stdin, self._process.stderr):
+            if pipe is not None and not pipe.closed:
+                pipe.close()
+        for path in (self._draft, self._palette):
+            path.unlink(missing_ok=True)
 
 
 def _words(options: str) -> list[str]:
