@@ -15,22 +15,9 @@ from uwoc_gym.baselines.policy import Policy
 SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 5.0}})
 
 
-class Still:
-    """A policy that does nothing and remembers how often it was asked."""
-
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[Any, Any]:
-        self.calls += 1
-        return np.zeros((len(observation), 3), dtype=np.float32), state
-
-
-def test_a_lost_episode_ends_alone() -> None:
+def test_a_lost_episode_ends_alone(still: Any) -> None:
     far = Scenario().merged({"start": {"x_m": -9.0, "y_m": (-4.0, 9.0)}, "episode": {"duration_s": 30.0}})
-    policy = Policy("still", "", lambda scenario: Still())
+    policy = Policy("still", "", lambda scenario: still)
     flight = fly(policy, far, range(8))
     lost, steps = flight.metrics.lost, flight.metrics.steps
     assert 0 < lost.sum() < 8
@@ -41,7 +28,7 @@ def test_a_lost_episode_ends_alone() -> None:
 
 
 def test_actions_of_another_shape_are_refused() -> None:
-    class Wrong(Still):
+    class Wrong:
         def predict(self, observation: Any, *args: Any, **kwargs: Any) -> tuple[Any, Any]:
             return np.zeros(3, dtype=np.float32), None
 

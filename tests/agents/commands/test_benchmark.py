@@ -6,6 +6,7 @@ import csv
 import json
 import sys
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,30 +20,15 @@ from uwoc_gym.agents.commands import benchmark
 SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 5.0}})
 
 
-class Still:
-    """A policy that does nothing and remembers how often it was asked."""
-
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[Any, Any]:
-        self.calls += 1
-        return np.zeros((len(observation), 3), dtype=np.float32), state
+@pytest.fixture
+def scenario_file(short_file: Callable[[float], Path]) -> Path:
+    return short_file(5.0)
 
 
 @pytest.fixture
-def scenario_file(tmp_path: Path) -> Path:
-    path = tmp_path / "short.json"
-    path.write_text(SHORT.to_json())
-    return path
-
-
-@pytest.fixture
-def module(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
+def module(monkeypatch: pytest.MonkeyPatch, still: Any) -> types.ModuleType:
     made = types.ModuleType("uwoc_policies_of_a_test")
-    made.still = lambda scenario: Still()  # type: ignore[attr-defined]
+    made.still = lambda scenario: still  # type: ignore[attr-defined]
     made.nothing = lambda scenario: object()  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, made.__name__, made)
     return made

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +15,10 @@ from uwoc_gym.agents.cli import main
 SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 5.0}})
 
 
-@pytest.fixture
-def scenario_file(tmp_path: Path) -> Path:
-    path = tmp_path / "short.json"
-    path.write_text(SHORT.to_json())
-    return path
-
-
 def test_evaluate_writes_what_it_prints(
-    scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    short_file: Callable[[float], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = ["--scenario", str(scenario_file), "--seed", "7", "--seeds", "2", "--out", str(tmp_path / "out")]
+    options = ["--scenario", str(short_file(5.0)), "--seed", "7", "--seeds", "2", "--out", str(tmp_path / "out")]
     assert main(["evaluate", "nlpd", *options]) == 0
     results = json.loads((tmp_path / "out/results.json").read_text())
     assert [row["seed"] for row in results["episodes"]] == [7, 8]

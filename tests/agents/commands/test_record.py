@@ -18,25 +18,15 @@ from uwoc_gym.agents.cli import main
 
 pygame = pytest.importorskip("pygame")
 
-
-pytest.importorskip("imageio_ffmpeg")
-
 from uwoc_gym.agents.viewing import stage as staging  # noqa: E402
 
 SMALL = ["--size", "640x360"]
 
 
 @pytest.fixture
-def scenario_file(tmp_path: Path) -> Path:
-    path = tmp_path / "short.json"
-    path.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 2.0}}).to_json())
-    return path
-
-
-@pytest.fixture
-def record(scenario_file: Path, tmp_path: Path) -> Callable[..., int]:
+def record(short_file: Callable[[float], Path]) -> Callable[..., int]:
     def run(*options: str) -> int:
-        return main(["record", "--scenario", str(scenario_file), *SMALL, *options])
+        return main(["record", "--scenario", str(short_file(2.0)), *SMALL, *options])
 
     return run
 

@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
 
 pygame = pytest.importorskip("pygame")
-
-
-pytest.importorskip("imageio_ffmpeg")
 
 from uwoc_gym.agents.viewing.player import Player  # noqa: E402
 
 SMALL = ["--size", "640x360"]
 
 
-@pytest.fixture
-def scenario_file(tmp_path: Path) -> Path:
-    path = tmp_path / "short.json"
-    path.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 2.0}}).to_json())
-    return path
-
-
 def test_watch_ends_well_when_the_window_is_closed(
-    scenario_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    short_file: Callable[[float], Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     frames: list[int] = []
     real = Player.frame
@@ -40,7 +30,7 @@ def test_watch_ends_well_when_the_window_is_closed(
         return real(self)
 
     monkeypatch.setattr(Player, "frame", frame)
-    assert main(["watch", "--scenario", str(scenario_file), *SMALL]) == 0
+    assert main(["watch", "--scenario", str(short_file(2.0)), *SMALL]) == 0
     assert len(frames) == 3
     assert capsys.readouterr() == ("", "")
 

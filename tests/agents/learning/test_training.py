@@ -26,11 +26,7 @@ from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES, load, shipped
 
 SHORT = '{"episode": {"duration_s": 2.0}}'
-
-
 SCENARIO = Scenario.named("Random").merged(json.loads(SHORT))
-
-
 SMALL = {
     "ppo": ["n_steps=16", "batch_size=32", "n_epochs=1", "policy_kwargs.net_arch=[8]"],
     "recurrent_ppo": [

@@ -10,11 +10,7 @@ from stable_baselines3 import PPO
 
 from uwoc_gym import Scenario
 from uwoc_gym.agents.flight import fly
-from uwoc_gym.agents.learning import (
-    environments,
-    seeds,
-    settings,
-)
+from uwoc_gym.agents.learning import environments, seeds, settings
 from uwoc_gym.agents.policies import saved
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.baselines import NLPDController

@@ -3,34 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from uwoc_gym import Scenario
-from uwoc_gym.agents.policies.registry import load
-from uwoc_gym.agents.scenarios import said
 from uwoc_gym.agents.viewing.episode import Episode
 
 pygame = pytest.importorskip("pygame")
 
-
-pytest.importorskip("imageio_ffmpeg")
-
 from uwoc_gym.agents.viewing.player import SHOVE, Player  # noqa: E402
-
-
-@pytest.fixture
-def scenario_file(tmp_path: Path) -> Path:
-    path = tmp_path / "short.json"
-    path.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 2.0}}).to_json())
-    return path
-
-
-def an_episode(scenario: str | Path, *policies: str, seed: int = 0) -> Episode:
-    found = said(str(scenario))
-    return Episode([load(policy) for policy in policies], found.name, found.scenario, seed)
 
 
 @pytest.fixture
@@ -42,8 +23,9 @@ def press(monkeypatch: pytest.MonkeyPatch) -> Callable[[Player, str], bool]:
     return one
 
 
-def test_keys(press: Callable[[Player, str], bool], scenario_file: Path) -> None:
-    player = Player(an_episode(scenario_file, "pd", "nlpd"), (640, 360), 1.0)
+def test_keys(press: Callable[[Player, str], bool], an_episode: Callable[..., Episode]) -> None:
+    wanted = an_episode("pd", "nlpd", override='{"episode": {"duration_s": 2.0}}')
+    player = Player(wanted, (640, 360), 1.0)
     for _ in range(3):
         assert player.frame()
     time_s = player.stage.time_s

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from uwoc_gym.agents.flight import fly
-from uwoc_gym.agents.policies.registry import load
-from uwoc_gym.agents.scenarios import said
 from uwoc_gym.agents.viewing.episode import Episode
 
 pygame = pytest.importorskip("pygame")
 
-
-pytest.importorskip("imageio_ffmpeg")
-
 from uwoc_gym.agents.viewing import stage as staging  # noqa: E402
-
-
-def an_episode(scenario: str | Path, *policies: str, seed: int = 0) -> Episode:
-    found = said(str(scenario))
-    return Episode([load(policy) for policy in policies], found.name, found.scenario, seed)
 
 
 @pytest.mark.parametrize(
@@ -39,8 +29,8 @@ def test_pictures_share_the_frame(count: int, size: tuple[int, int], grid: tuple
         assert cell.collidelist(cells[:i]) == -1
 
 
-def test_a_stage_flies_the_episode_of_the_benchmark() -> None:
-    wanted = an_episode("Random", "nlpd", "pd", seed=4)
+def test_a_stage_flies_the_episode_of_the_benchmark(an_episode: Callable[..., Episode]) -> None:
+    wanted = an_episode("nlpd", "pd", seed=4)
     stage = staging.Stage(wanted, (640, 360))
     stage.fly_until(3.0)
     flight = fly(wanted.policies[0], wanted.scenario, [4])
