@@ -89,7 +89,7 @@ def add_scenario_arguments(
         prefix: Goes before the help on ``--scenario``.
         many: Whether there may be several, which all get the same changes.
     """
-    usual = {True: "all environment IDs", False: default}[many]
+    usual = "all environment IDs" if many else default
     parser.add_argument(
         "--scenario",
         nargs="+" if many else None,

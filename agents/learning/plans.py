@@ -223,6 +223,7 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> tuple[str, str, Scenar
         return known["env"], known["name"], _recorded_task(known), tuple(known["overrides"])
     if wish.scenario is not None:
         found = said(wish.scenario, wish.override)
+        # A file that says everything is no named scenario's: the settings' default entry holds for it.
         env_id = next(each for each, name in ENV_IDS.items() if name == (found.base or "Nominal"))
         return env_id, _called(found, env_id), found.scenario, found.changes
     env_id = wish.env or known.get("env", DEFAULT_ENV)
@@ -272,7 +273,7 @@ def _gains(given: Any) -> Gains | None:
     try:
         return Gains(**given) if isinstance(given, dict) else gains(given)
     except SettingError as error:
-        hint = f"{closest(given, list(GAINS))}" if isinstance(given, str) else str(error)
+        hint = closest(given, list(GAINS)) if isinstance(given, str) else str(error)
         raise CommandError(f"residual = {given!r} is not allowed; {hint}") from None
     except TypeError as error:
         raise CommandError(f"residual = {given!r} is not allowed: {error}") from None

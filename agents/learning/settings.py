@@ -209,7 +209,7 @@ def _own(key: str, value: Any) -> Any:
                 raise _NotAllowedError("the name of a policy, such as MlpPolicy")
         case "residual":
             if value is not None and not isinstance(value, (str, dict)):
-                raise _NotAllowedError("null, the name of a gain set or of a controller, or a mapping of gains")
+                raise _NotAllowedError("null, the name of a controller, or a mapping of gains")
     return value
 
 

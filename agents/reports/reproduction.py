@@ -395,7 +395,7 @@ def _signed(value: float, digits: int = 1) -> str:
     return "" if not math.isfinite(value) else f" ({value:+.{digits}f} %)"
 
 
-def _cells(row: Mapping[str, Any], outage: bool = True) -> list[str]:
+def row_cells(row: Mapping[str, Any], outage: bool = True) -> list[str]:
     """A table row's five numbers, with the relative difference where there is one."""
     differences = row.get("difference_percent", {})
     cells = []
@@ -515,9 +515,9 @@ def _case_table(results: Mapping[str, Any], case: str) -> Table:
     outage = case != "nominal"
     rows = []
     for law in ("PD", "NLPD"):
-        rows.append([f"{law}, published", *_cells(results["published"][f"{case}, {law}"], outage)])
+        rows.append([f"{law}, published", *row_cells(results["published"][f"{case}, {law}"], outage)])
         rows += [
-            [variant.label, *_cells(results["tables"][case][variant.label], outage)]
+            [variant.label, *row_cells(results["tables"][case][variant.label], outage)]
             for variant in variants()
             if variant.law == law
         ]
@@ -571,8 +571,8 @@ def _calibrated_blocks(results: Mapping[str, Any]) -> list[Block]:
     for case, found in results["calibrated"].items():
         rows = []
         for law in ("PD", "NLPD"):
-            rows.append([f"{law}, published", *_cells(results["published"][f"{case}, {law}"])])
-            rows.append([f"{law}, calibrated", *_cells(found["rows"][law])])
+            rows.append([f"{law}, published", *row_cells(results["published"][f"{case}, {law}"])])
+            rows.append([f"{law}, calibrated", *row_cells(found["rows"][law])])
             deviations = found["rows"][law]["standard_deviation"]
             rows.append(
                 ["standard deviation"] + [_number(deviations[k], d) for k, d in zip(Row._fields, DIGITS, strict=True)]

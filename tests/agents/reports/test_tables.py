@@ -26,3 +26,12 @@ def test_the_benchmark_counts_what_says_never() -> None:
     }
     assert lines["t_a [s]"] == "2.00 (1 of 3 never)"
     assert lines["Δt [s]"] == "0.25 (2 of 3, 1 of them never)"
+
+
+def test_one_episode_says_never_or_that_a_measure_does_not_apply() -> None:
+    by_key = {measure.key: measure for measure in tables.MEASURES}
+    assert by_key["arrival_time_s"].text(math.nan) == "never"
+    assert by_key["establishment_time_s"].text(math.nan) == "never"
+    assert by_key["restoring_time_s"].text(math.inf) == "never"
+    assert by_key["restoring_time_s"].text(math.nan) == by_key["rmse_x_m"].text(math.nan) == "–"
+    assert by_key["restoring_time_s"].text(0.456) == "0.46"
