@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from uwoc_gym.agents.evaluate import Predictor
+    from uwoc_gym.baselines.policy import Predictor
     from uwoc_gym.scenario import Scenario
 
 __all__ = ["load"]
@@ -28,7 +28,7 @@ def load(name_or_path: str, scenario: str | Scenario = "Nominal") -> Predictor:
         SettingError: There is no scenario of that name.
     """
     # Imported here so that what runs without the policies stays light.
-    from uwoc_gym.agents import evaluate
+    from uwoc_gym.agents.policies import registry
     from uwoc_gym.scenario import as_scenario
 
-    return evaluate.load(str(name_or_path)).make(as_scenario(scenario))
+    return registry.load(str(name_or_path)).make(as_scenario(scenario))

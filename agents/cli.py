@@ -3,44 +3,33 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
 from collections.abc import Sequence
-from types import ModuleType
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import (
-    benchmark,
-    calibrate,
-    listing,
-    protocol,
-    record,
-    replay,
-    report,
-    reproduce,
-    single,
-    speed,
-    train,
-    tune,
-    watch,
-)
-from uwoc_gym.agents.command import CommandError
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.reports import files
 from uwoc_gym.parameters import SettingError
 
-COMMANDS: dict[str, ModuleType] = {
-    "list": listing,
-    "benchmark": benchmark,
-    "evaluate": single,
-    "train": train,
-    "tune": tune,
-    "protocol": protocol,
-    "calibrate": calibrate,
-    "reproduce": reproduce,
-    "watch": watch,
-    "record": record,
-    "replay": replay,
-    "speed": speed,
+COMMANDS = {
+    name: importlib.import_module(f"uwoc_gym.agents.commands.{name}")
+    for name in (
+        "list",
+        "benchmark",
+        "evaluate",
+        "train",
+        "tune",
+        "protocol",
+        "calibrate",
+        "reproduce",
+        "watch",
+        "record",
+        "replay",
+        "speed",
+    )
 }
 """Module of each command, which has HELP, EXAMPLES, add_arguments(parser) and run(args)."""
 
@@ -78,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = _parser().parse_args(argv)
         command = f"uwoc-gym {args.command}"
-        args.command_line = report.command_line(argv)
+        args.command_line = files.command_line(argv)
         return int(COMMANDS[args.command].run(args))
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0

@@ -1,4 +1,4 @@
-"""Gain sets of the scripted controllers: by name, each with its source."""
+"""Gain sets of the scripted controllers: by the controller's name, each with its source."""
 
 from __future__ import annotations
 
@@ -69,23 +69,23 @@ def _triple(name: str, value: Any) -> Triple:
 
 _TUNED = (
     "`uwoc-gym tune {} --trials {} --out tuning`: highest mean return on 64 training seeds of uwoc/Random-v0; the box "
-    "that was searched stands in uwoc_gym.agents.tune"
+    "that was searched stands in uwoc_gym.agents.learning.tuning"
 )
 _PAPER = "paper, sec. 4: Kp = 300, Kv = 250"
 
 GAINS: dict[str, Gains] = {
-    "paper-pd": Gains(
+    "pd": Gains(
         a_p=(300.0, 300.0, 300.0),
         a_v=(250.0, 250.0, 250.0),
         source=f"{_PAPER}; feedforward as its law is printed",
     ),
-    "paper-pd-plain": Gains(
+    "pd-plain": Gains(
         a_p=(300.0, 300.0, 300.0),
         a_v=(250.0, 250.0, 250.0),
         feedforward=False,
         source=f"{_PAPER}; feedforward left out, which on a plant without Coriolis terms reproduces the paper's PD row",
     ),
-    "paper": Gains(
+    "nlpd": Gains(
         a_p=(300.0, 300.0, 300.0),
         a_v=(250.0, 250.0, 250.0),
         b_p=(1.531, 1.531, 1.531),
@@ -95,12 +95,12 @@ GAINS: dict[str, Gains] = {
         source=f"{_PAPER}; mu and b, which it doesn't give, by `uwoc-gym calibrate nlpd` to its nominal NLPD row. They "
         "aren't unique: seven numbers answer to four",
     ),
-    "tuned-pd": Gains(
+    "pd-tuned": Gains(
         a_p=(6317.0, 6317.0, 3813.0),
         a_v=(1809.0, 1809.0, 865.3),
         source=_TUNED.format("pd", 400),
     ),
-    "tuned-nlpd": Gains(
+    "nlpd-tuned": Gains(
         a_p=(6154.0, 6154.0, 2235.0),
         a_v=(1648.0, 1648.0, 760.2),
         b_p=(0.009374, 0.009374, 0.07298),
@@ -110,15 +110,25 @@ GAINS: dict[str, Gains] = {
         source=_TUNED.format("nlpd", 1600),
     ),
 }
-"""The named gain sets."""
+"""The named gain sets; each has the name of the controller that flies it."""
+
+FORMER_NAMES = {
+    "paper-pd": "pd",
+    "paper-pd-plain": "pd-plain",
+    "paper": "nlpd",
+    "tuned-pd": "pd-tuned",
+    "tuned-nlpd": "nlpd-tuned",
+}
+"""Names that recorded runs and users' code may still say."""
 
 
 def gains(name: str) -> Gains:
-    """The named gain set.
+    """The named gain set; former names are known too.
 
     Raises:
         SettingError: There is no gain set of that name; the nearest one is given.
     """
-    if name not in GAINS:
+    known = FORMER_NAMES.get(name, name)
+    if known not in GAINS:
         raise SettingError(f"There is no gain set {name!r}; {closest(str(name), list(GAINS))}")
-    return GAINS[name]
+    return GAINS[known]

@@ -27,6 +27,6 @@ class NLPDController(Controller):
     """
 
     def __init__(
-        self, gains: str | Gains | Sequence[str | Gains] = "paper", scenario: str | Scenario = "Nominal"
+        self, gains: str | Gains | Sequence[str | Gains] = "nlpd", scenario: str | Scenario = "Nominal"
     ) -> None:
         super().__init__(gains, scenario)

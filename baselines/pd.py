@@ -22,9 +22,7 @@ class PDController(NLPDController):
         SettingError: There is no gain set or scenario of that name, or a mu of the gain set isn't 1.
     """
 
-    def __init__(
-        self, gains: str | Gains | Sequence[str | Gains] = "paper-pd", scenario: str | Scenario = "Nominal"
-    ) -> None:
+    def __init__(self, gains: str | Gains | Sequence[str | Gains] = "pd", scenario: str | Scenario = "Nominal") -> None:
         super().__init__(gains, scenario)
         for gain_set, name in itertools.product(self.gain_sets, ("mu_p", "mu_v")):
             exponents = getattr(gain_set, name)

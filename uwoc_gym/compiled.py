@@ -17,7 +17,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
 
-class _CacheState:
+class CacheState:
+    """Whether Numba has found a folder that it can keep machine code in."""
+
     available = True
 
 
@@ -34,11 +36,11 @@ def compiled(function: Function) -> Function:
 
     Where no cache folder can be written, the function is compiled in memory instead and one warning says so.
     """
-    if _CacheState.available:
+    if CacheState.available:
         try:
             dispatcher = numba.njit(cache=True, **_OPTIONS)(function)
         except RuntimeError as error:
-            _CacheState.available = False
+            CacheState.available = False
             warnings.warn(
                 f"Numba finds no folder to cache compiled code in ({error}); every process will compile anew. "
                 "Set NUMBA_CACHE_DIR to a writable folder to avoid that.",
@@ -65,6 +67,6 @@ def subroutine(function: Function) -> Function:
 
 def over_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
     """The scalar equation ``function``, plain or `inlined`, as a NumPy ufunc that is compiled on first use."""
-    vectorize: Any = cast(Any, numba).vectorize(cache=_CacheState.available)
+    vectorize: Any = cast(Any, numba).vectorize(cache=CacheState.available)
     ufunc: Callable[..., Any] = vectorize(getattr(function, "py_func", function))
     return ufunc

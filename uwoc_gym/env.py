@@ -153,7 +153,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.render_size = check_render_size(render_size)
-        self._renderer: Any = None
+        self.renderer: Any = None
         self._window: Any = None
         if render_mode == "human":
             import_rendering()
@@ -304,23 +304,23 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             return None
         if not self._fleet.begun:
             raise gym.error.ResetNeeded("there is nothing to draw yet; call reset() before render().")
-        if self._renderer is None:
+        if self.renderer is None:
             self._make_renderer()
         if self.render_mode == "rgb_array":
-            return self._renderer.frame()
+            return self.renderer.frame()
         self._show()
         return None
 
     def _make_renderer(self) -> None:
         rendering = import_rendering()
         name = self.spec.id if self.spec is not None else type(self).__name__
-        self._renderer = rendering.Renderer(self._fleet.scenario, self.render_size, name)
-        self._renderer.begin(self.state(), self.parameters())
+        self.renderer = rendering.Renderer(self._fleet.scenario, self.render_size, name)
+        self.renderer.begin(self.state(), self.parameters())
 
     def _begin_pictures(self) -> None:
-        if self._renderer is not None:
-            self._renderer.configure(self._fleet.scenario)
-            self._renderer.begin(self.state(), self.parameters())
+        if self.renderer is not None:
+            self.renderer.configure(self._fleet.scenario)
+            self.renderer.begin(self.state(), self.parameters())
         elif self.render_mode == "human":
             self._make_renderer()
         if self.render_mode == "human":
@@ -328,17 +328,17 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
 
     def _picture(self) -> bool:
         """Take the state into the pictures, if anyone looks at them; returns whether the window has been closed."""
-        if self._renderer is not None:
-            self._renderer.record(self.state())
+        if self.renderer is not None:
+            self.renderer.record(self.state())
         if self.render_mode == "human":
             self._show()
         return self._window is not None and bool(self._window.closed)
 
     def _show(self) -> None:
         if self._window is None:
-            self._window = import_rendering().Window(self.render_size, self._renderer.title)
+            self._window = import_rendering().Window(self.render_size, self.renderer.title)
         if not self._window.closed:
-            self._window.show(self._renderer.draw(), self.metadata["render_fps"])
+            self._window.show(self.renderer.draw(), self.metadata["render_fps"])
 
     def close(self) -> None:
         """Close the window, if there is one; the next `reset` in the mode "human" opens another."""
@@ -348,7 +348,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
 
     def __getstate__(self) -> dict[str, Any]:
         # Pictures belong to the process that draws them.
-        return {**self.__dict__, "_step_fleet": None, "_renderer": None, "_window": None}
+        return {**self.__dict__, "_step_fleet": None, "renderer": None, "_window": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

@@ -109,7 +109,7 @@ class Renderer:
         self._texts: dict[tuple[str, int, Colour], pygame.Surface] = {}
         self._kept: dict[Any, pygame.Surface] = {}
         self._rows = np.zeros((256, len(_COLUMNS)))
-        self._count = 0
+        self.samples = 0
         self._state: State = {}
         self.configure(scenario)
 
@@ -120,8 +120,8 @@ class Renderer:
 
     def begin(self, state: State, parameters: Mapping[str, float]) -> None:
         """Forget what was and begin with a state, as `TrackingEnv.state` and `TrackingEnv.parameters` give them."""
-        self._count = 0
-        self._delivered_bit = 0.0
+        self.samples = 0
+        self.delivered_bit = 0.0
         self._since = float(state["time_s"])
         drawn = {path.removeprefix("link."): value for path, value in parameters.items() if path.startswith("link.")}
         self._link = self.scenario.link.merged(drawn)
@@ -140,18 +140,18 @@ class Renderer:
 
     def record(self, state: State) -> None:
         """Take a later state of the same episode into trail, charts and data delivered."""
-        if self._count == len(self._rows):
+        if self.samples == len(self._rows):
             self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
         time, rate, inside = float(state["time_s"]), float(state["bit_rate_bps"]), bool(state["in_cone"])
-        elapsed = time - self._rows[self._count - 1, _T] if self._count else 0.0
+        elapsed = time - self._rows[self.samples - 1, _T] if self.samples else 0.0
         pose, ship = state["pose"], state["ship_pose"]
-        self._rows[self._count] = (
+        self._rows[self.samples] = (
             time, pose[0], pose[1], ship[0], ship[1],
             math.log10(rate) if rate > 0.0 else math.nan,
             state["range_m"], math.degrees(state["pointing_error_rad"]), inside,
         )  # fmt: skip
-        self._count += 1
-        self._delivered_bit += rate * elapsed if inside else 0.0
+        self.samples += 1
+        self.delivered_bit += rate * elapsed if inside else 0.0
         self._state = state
         self._follow(elapsed)
 
@@ -221,18 +221,19 @@ class Renderer:
         inside = bool(self._state["in_cone"])
         if not upright:
             right = whole.right - gap
-            right = self._write(self._delivered(), 30, (right, y), align="midright").left - 2 * gap
+            right = self._write(self.delivered(), 30, (right, y), align="midright").left - 2 * gap
             right = self._lamp(right, y, inside) - 2 * gap
             self._write(f"t = {self._state['time_s']:6.2f} s", 30, (right, y), align="midright")
             return
         self._write(f"t = {self._state['time_s']:6.2f} s", 30, (whole.right - gap, y), align="midright")
         y = whole.top + self._px(64)
         self._lamp(whole.left + width + gap + self._px(128), y, inside)
-        self._write(self._delivered(), 30, (whole.right - gap, y), align="midright")
+        self._write(self.delivered(), 30, (whole.right - gap, y), align="midright")
 
-    def _delivered(self) -> str:
+    def delivered(self) -> str:
+        """The data delivered since the pictures began, in words."""
         since = f" since {self._since:.1f} s" if self._since > 0.0 else ""
-        return f"{self._delivered_bit * 1e-9:.1f} Gbit delivered{since}"
+        return f"{self.delivered_bit * 1e-9:.1f} Gbit delivered{since}"
 
     def _lamp(self, right: int, y: int, inside: bool) -> int:
         """A full green disc, or a ring with a cross; returns its left end."""
@@ -281,7 +282,7 @@ class Renderer:
         assert self._camera is not None
         pose, ship = self._state["pose"], self._state["ship_pose"]
         inside, depth = bool(self._state["in_cone"]), self._depth
-        rows = self._recent()
+        rows = self.recent()
         half = 0.42 * self._camera[2] + 2.0
         self._draw_plane(rect, depth, half, (38, 96, 128))
         apex = np.array([[ship[0], ship[1], 0.0]])
@@ -368,7 +369,7 @@ class Renderer:
         """A line that fades with age."""
         stride = max(1, len(points) // 150)
         # Counted from the beginning, so that the same samples are drawn from frame to frame.
-        offset = -(self._count - len(points)) % stride
+        offset = -(self.samples - len(points)) % stride
         chosen = np.concatenate([points[offset::stride], points[-1:]])
         seen = self._project(np.column_stack([chosen, np.full(len(chosen), z)]), rect)
         parts = 5
@@ -446,7 +447,7 @@ class Renderer:
         pygame.draw.line(self.surface, _WHITE, square.center, bow.tolist(), self._px(2))
         pygame.draw.circle(self.surface, _WHITE, square.center, self._px(4))
         pygame.draw.circle(self.surface, (0, 0, 0), square.center, self._px(2))
-        rows = self._recent(10.0)
+        rows = self.recent(10.0)
         track = place(rows[:, _X] - rows[:, _SHIP_X], rows[:, _Y] - rows[:, _SHIP_Y])
         if len(track) > 1:
             pygame.draw.lines(self.surface, (0, 0, 0), False, track.tolist(), self._px(4))
@@ -519,14 +520,15 @@ class Renderer:
 
     # The strip charts.
 
-    def _recent(self, window_s: float = WINDOW_S) -> Array:
-        rows = self._rows[: self._count]
+    def recent(self, window_s: float = WINDOW_S) -> Array:
+        """The samples of the last seconds, one a row, in which time comes first."""
+        rows = self._rows[: self.samples]
         return rows[np.searchsorted(rows[:, _T], rows[-1, _T] - window_s) :]
 
     def _draw_charts(self, rect: pygame.Rect) -> None:
-        rows = self._recent()
+        rows = self.recent()
         stride = max(1, len(rows) // 400)
-        rows = np.concatenate([rows[-(self._count - len(rows)) % stride :: stride], rows[-1:]])
+        rows = np.concatenate([rows[-(self.samples - len(rows)) % stride :: stride], rows[-1:]])
         angle = math.degrees(self._fov)
         farthest, widest = float(rows[:, _RANGE].max()), float(rows[:, _POINTING].max())
         low = self._threshold - 1.0

@@ -85,7 +85,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.render_size = check_render_size(render_size)
-        self._renderers: list[Any] = []
+        self.renderers: list[Any] = []
         mode = AutoresetMode(autoreset_mode)
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s, scenario_digest)
         self._max_episode_steps = max_episode_steps
@@ -135,7 +135,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         observations = np.empty((self.num_envs, SIZE), dtype=np.float32) if mask.all() else self._fleet.observe()
         self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"), given.get("parameters"))
         self._begun = True
-        if self._renderers:
+        if self.renderers:
             self._begin_pictures(lanes)
         infos = self._present_infos()
         if not mask.all():
@@ -201,7 +201,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         finals = np.empty_like(observations) if self._same_step else None
         ends = self._fleet.step(given, observations, out, flags, finals)
         terminated, truncated, in_cone, success = flags
-        if self._renderers:
+        if self.renderers:
             self._picture()
         if not ends or finals is None:
             return observations, out[_REWARD], terminated, truncated, self._infos(out, in_cone, success)
@@ -247,7 +247,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """
         self._fleet.restore(rows, lanes)
         self._begun = self._begun or lanes is None
-        if self._renderers:
+        if self.renderers:
             self._begin_pictures(np.arange(self.num_envs) if lanes is None else np.atleast_1d(lanes))
         return self._fleet.observe()
 
@@ -265,20 +265,20 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             return None
         if not self._begun:
             raise gym.error.ResetNeeded("there is nothing to draw yet; call reset() before render().")
-        if not self._renderers:
+        if not self.renderers:
             renderer = import_rendering().Renderer
             name = self.spec.id if self.spec is not None else type(self).__name__
-            self._renderers = [
+            self.renderers = [
                 renderer(self._fleet.scenario, self.render_size, f"{name} · {i}") for i in range(self.num_envs)
             ]
             self._begin_pictures(np.arange(self.num_envs))
-        return tuple(renderer.frame() for renderer in self._renderers)
+        return tuple(renderer.frame() for renderer in self.renderers)
 
     def _begin_pictures(self, lanes: npt.NDArray[np.int64]) -> None:
         state, parameters = self.state(), self.parameters()
         for i in lanes.tolist():
-            self._renderers[i].configure(self._fleet.scenario)
-            self._renderers[i].begin(_lane(state, i), _lane(parameters, i))
+            self.renderers[i].configure(self._fleet.scenario)
+            self.renderers[i].begin(_lane(state, i), _lane(parameters, i))
 
     def _picture(self) -> None:
         """Take the states into the pictures; at time 0 a new episode has begun by itself."""
@@ -287,11 +287,11 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         if fresh.size:
             self._begin_pictures(fresh)
         for i in np.flatnonzero(state["time_s"] > 0.0).tolist():
-            self._renderers[i].record(_lane(state, i))
+            self.renderers[i].record(_lane(state, i))
 
     def __getstate__(self) -> dict[str, Any]:
         # Pictures belong to the process that draws them.
-        return {**self.__dict__, "_renderers": []}
+        return {**self.__dict__, "renderers": []}
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads, if there are any."""

@@ -12,6 +12,7 @@ import pytest
 from uwoc_gym import Scenario, SettingError
 from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
 from uwoc_gym.baselines.controller import gain
+from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.observation import SIZE, scales
 from uwoc_gym.sim.fleet import Fleet
 from uwoc_gym.sim.layout import OUT_ROWS
@@ -117,14 +118,14 @@ def test_yaw_error_is_wrapped() -> None:
 
 def test_pd_is_the_nlpd_with_unit_exponents() -> None:
     obs = np.array([observe(*state) for state in random_states(20)])
-    linear = replace(gains("paper"), mu_p=1.0, mu_v=1.0)  # type: ignore[arg-type]
+    linear = replace(gains("nlpd"), mu_p=1.0, mu_v=1.0)  # type: ignore[arg-type]
     np.testing.assert_array_equal(PDController().force(obs), NLPDController(linear).force(obs))
     assert not np.allclose(PDController().force(obs), NLPDController().force(obs), rtol=1e-3)
 
 
 def test_pd_refuses_other_exponents() -> None:
     with pytest.raises(SettingError, match=r"Gains\.mu_p = \(0\.946.*PDController.*must be 1"):
-        PDController("paper")
+        PDController("nlpd")
 
 
 def test_gain_values_and_continuity() -> None:
@@ -199,10 +200,10 @@ def test_wrong_observation_shape(shape: tuple[int, ...]) -> None:
 
 
 def test_unknown_names_give_the_nearest() -> None:
-    with pytest.raises(SettingError, match=r"no gain set 'papr'; did you mean 'paper'\?"):
-        gains("papr")
-    with pytest.raises(SettingError, match="did you mean 'paper-pd-plain'"):
-        PDController("paper-pd-plan")
+    with pytest.raises(SettingError, match=r"no gain set 'nlp'; did you mean 'nlpd'\?"):
+        gains("nlp")
+    with pytest.raises(SettingError, match="did you mean 'pd-plain'"):
+        PDController("pd-plan")
     with pytest.raises(SettingError, match="did you mean 'Nominal'"):
         PDController(scenario="Nominall")
     with pytest.raises(SettingError, match="gains = 3 is not allowed"):
@@ -267,7 +268,7 @@ def fly(controller: Controller, scenario: Scenario) -> tuple[float, np.ndarray, 
 
 def test_plain_pd_reproduces_the_published_pd_row() -> None:
     scenario = Scenario().merged(PAPER_CLOCK | {"vehicle": {"coriolis": False}})
-    arrival, rmse, largest = fly(PDController("paper-pd-plain", scenario), scenario)
+    arrival, rmse, largest = fly(PDController("pd-plain", scenario), scenario)
     assert arrival == pytest.approx(2.015, abs=0.0051)
     assert rmse == pytest.approx([0.4583, 0.4557, 0.0230], rel=0.02)
     assert largest < 1.0
@@ -275,7 +276,7 @@ def test_plain_pd_reproduces_the_published_pd_row() -> None:
 
 def test_printed_pd_does_better_than_published() -> None:
     scenario = Scenario().merged(PAPER_CLOCK)
-    arrival, rmse, largest = fly(PDController("paper-pd", scenario), scenario)
+    arrival, rmse, largest = fly(PDController("pd", scenario), scenario)
     assert arrival == pytest.approx(2.330, abs=0.0051)
     assert rmse == pytest.approx([0.079, 0.108, 0.037], abs=0.0006)
     assert largest < 1.0
@@ -283,7 +284,7 @@ def test_printed_pd_does_better_than_published() -> None:
 
 def test_nlpd_reproduces_the_published_nlpd_row() -> None:
     scenario = Scenario().merged(PAPER_CLOCK)
-    arrival, rmse, largest = fly(NLPDController("paper", scenario), scenario)
+    arrival, rmse, largest = fly(NLPDController("nlpd", scenario), scenario)
     assert arrival == pytest.approx(2.315, abs=0.0051)
     assert rmse == pytest.approx([0.0596, 0.1197, 0.0408], rel=0.005)
     assert largest < 1.0
@@ -291,7 +292,7 @@ def test_nlpd_reproduces_the_published_nlpd_row() -> None:
 
 def test_one_gain_set_per_observation():
     observations = np.random.default_rng(5).uniform(-1, 1, (3, 20)).astype(np.float32)
-    names = ("paper-pd", "paper-pd-plain", "paper")
+    names = ("pd", "pd-plain", "nlpd")
     together = Controller(names).force(observations)
     for i, name in enumerate(names):
         np.testing.assert_array_equal(together[i], Controller(name).force(observations[i]))
@@ -301,3 +302,21 @@ def test_one_gain_set_per_observation():
 def test_refuses_what_is_no_gain_set(bad):
     with pytest.raises(SettingError, match=r"gains = .* is not allowed; it must be a Gains"):
         Controller(bad)
+
+
+def test_controllers_fly_the_gains_of_their_name():
+    assert list(CONTROLLERS) == list(GAINS)
+    observation = np.random.default_rng(6).uniform(-1, 1, 20).astype(np.float32)
+    for name, policy in CONTROLLERS.items():
+        made = policy.make(Scenario())
+        np.testing.assert_array_equal(made.predict(observation)[0], Controller(GAINS[name]).predict(observation)[0])
+
+
+@pytest.mark.parametrize(
+    ("former", "name"),
+    [("paper-pd", "pd"), ("paper-pd-plain", "pd-plain"), ("paper", "nlpd"), ("tuned-pd", "pd-tuned"),
+     ("tuned-nlpd", "nlpd-tuned")],
+)  # fmt: skip
+def test_former_names_of_gain_sets_are_known(former, name):
+    assert gains(former) is GAINS[name]
+    assert Controller(former).gain_sets == (GAINS[name],)

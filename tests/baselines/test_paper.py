@@ -17,7 +17,7 @@ VEHICLE = Scenario().vehicle
 ZERO = np.zeros(3)
 
 
-@given(st.floats(-4.0, 4.0), st.sampled_from(["paper-pd", "paper"]), st.integers(0, 2))
+@given(st.floats(-4.0, 4.0), st.sampled_from(["pd", "nlpd"]), st.integers(0, 2))
 def test_potential_is_the_integral_of_the_pull(size, name, axis):
     law = gains(name)
     error = np.zeros(3)
@@ -34,11 +34,11 @@ def test_kinetic_part_is_the_same_seen_from_any_heading(yaw):
         [np.cos(yaw) * body[0] - np.sin(yaw) * body[1], np.sin(yaw) * body[0] + np.cos(yaw) * body[1], body[2]]
     )
     expected = 0.5 * (VEHICLE.inertia * body**2).sum()
-    assert lyapunov(ZERO, earth, yaw, gains("paper-pd"), VEHICLE) == pytest.approx(expected, rel=1e-12)
+    assert lyapunov(ZERO, earth, yaw, gains("pd"), VEHICLE) == pytest.approx(expected, rel=1e-12)
 
 
 def test_inequality_is_definite_just_where_damping_outweighs_the_disturbance():
-    resisting = damping_and_gain(ZERO, ZERO, 0.3, gains("paper-pd"), VEHICLE)
+    resisting = damping_and_gain(ZERO, ZERO, 0.3, gains("pd"), VEHICLE)
     weakest = np.linalg.eigvalsh(resisting)[0]
     limit = 1.0 / np.sqrt(weakest - 1.0)
     assert np.linalg.eigvalsh(inequality_matrix(resisting, 1.001 * limit))[-1] < 0.0
@@ -46,7 +46,7 @@ def test_inequality_is_definite_just_where_damping_outweighs_the_disturbance():
 
 
 def test_damping_turns_with_the_vehicle():
-    resisting = damping_and_gain(ZERO, ZERO, np.pi / 2, gains("paper-pd"), VEHICLE)
+    resisting = damping_and_gain(ZERO, ZERO, np.pi / 2, gains("pd"), VEHICLE)
     np.testing.assert_allclose(resisting, np.diag([350.0, 320.0, 300.0]), atol=1e-9)
 
 

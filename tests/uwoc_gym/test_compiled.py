@@ -54,7 +54,7 @@ def test_compiles_in_memory_with_one_warning_where_nothing_can_be_cached(monkeyp
         return real(*arguments, **options)
 
     monkeypatch.setattr(compiled.numba, "njit", without_cache)
-    monkeypatch.setattr(compiled._CacheState, "available", True)
+    monkeypatch.setattr(compiled.CacheState, "available", True)
     with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
         function = compiled.compiled(_double)
     assert function(3) == 6

@@ -93,8 +93,8 @@ def test_drawing_changes_no_episode():
 
 
 def test_delivered_data_is_that_of_the_metrics():
-    from uwoc_gym.agents.evaluate import POLICIES
-    from uwoc_gym.agents.evaluate import fly as fly_record
+    from uwoc_gym.agents.flight import fly as fly_record
+    from uwoc_gym.agents.policies.registry import POLICIES
 
     scenario = Scenario.named("StrongPulse").merged({"episode": {"duration_s": 35.0}})
     env = TrackingEnv(scenario=scenario, render_mode="rgb_array", render_size=SMALL)
@@ -102,8 +102,8 @@ def test_delivered_data_is_that_of_the_metrics():
     env.render()
     fly(env, scenario.episode.steps)
     metrics = fly_record(POLICIES["nlpd"], scenario, [0]).metrics
-    assert env._renderer._delivered_bit * 1e-9 == pytest.approx(metrics.delivered_gbit[0], rel=1e-9)
-    assert env._renderer._delivered().endswith("Gbit delivered")
+    assert env.renderer.delivered_bit * 1e-9 == pytest.approx(metrics.delivered_gbit[0], rel=1e-9)
+    assert env.renderer.delivered().endswith("Gbit delivered")
 
 
 def test_what_was_not_seen_is_said():
@@ -111,7 +111,7 @@ def test_what_was_not_seen_is_said():
     env.reset(seed=0)
     env.step(ZERO)
     env.render()
-    assert env._renderer._delivered() == "0.0 Gbit delivered since 0.1 s"
+    assert env.renderer.delivered() == "0.0 Gbit delivered since 0.1 s"
 
 
 @pytest.mark.parametrize(
@@ -145,9 +145,9 @@ def test_long_charts_reach_back_half_a_minute():
     env.reset(seed=0)
     env.render()
     fly(env, 3200)
-    renderer = env._renderer
-    assert renderer._count == 3201
-    assert renderer._recent()[0, 0] == pytest.approx(2.0)
+    renderer = env.renderer
+    assert renderer.samples == 3201
+    assert renderer.recent()[0, 0] == pytest.approx(2.0)
     env.render()
 
 
@@ -197,7 +197,7 @@ def test_pictures_of_a_vector_environment_are_those_of_single_ones(mode):
         env = TrackingEnv(scenario=scenario, render_mode="rgb_array", render_size=SMALL)
         env.reset(seed=5 + i)
         env.render()
-        env._renderer.title = f"TrackingVectorEnv · {i}"
+        env.renderer.title = f"TrackingVectorEnv · {i}"
         for _ in range(6):
             env.step(ZERO)
         env.reset()

@@ -1,0 +1,1 @@
+"""The commands of `uwoc-gym`, one file each, named like it."""

@@ -1,0 +1,55 @@
+"""`uwoc-gym evaluate`: one policy through one scenario on given seeds."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from uwoc_gym.agents.errors import naming
+from uwoc_gym.agents.flight import batches, flown_seeds, fly
+from uwoc_gym.agents.options import add_scenario_arguments, scenario_of, whole
+from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.reports import files, tables
+
+HELP = "fly one policy through one scenario and print its measures"
+EXAMPLES = """\
+examples:
+  uwoc-gym evaluate nlpd
+  uwoc-gym evaluate runs/ppo --scenario Random --seed 1000 --seeds 50 --out results
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument(
+        "policy", metavar="POLICY", help="a name, a training run's folder, a .zip file, module:callable"
+    )
+    add_scenario_arguments(parser, "Random")
+    parser.add_argument(
+        "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="first seed (default: %(default)s)")
+    parser.add_argument("--out", metavar="DIR", help="folder for results.json")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly and report; returns the exit status."""
+    name, scenario = scenario_of(args)
+    with naming("POLICY"):
+        policy = load(args.policy)
+    folder = files.output_folder(args.out) if args.out else None
+    begun = time.perf_counter()
+    asked = range(args.seed, args.seed + args.seeds)
+    seeds = flown_seeds(policy, scenario, asked)
+    rows = [row for batch in batches(seeds, 100) for row in fly(policy, scenario, batch).metrics.rows()]
+    data = tables.results_data([tables.Result(name, policy.name, rows, len(seeds) < len(asked))], args.seed)
+    print(tables.table(data), end="")
+    if folder is not None:
+        document = {
+            "settings": {"policy": policy.name, "seeds": list(seeds), "scenario": scenario.to_dict()},
+            "wall_time_s": round(time.perf_counter() - begun, 3),
+            "results": data,
+            "episodes": [{"seed": seed, **row} for seed, row in zip(seeds, rows, strict=True)],
+        }
+        files.write_results(folder, args.command_line, {name: scenario}, document)
+    return 0

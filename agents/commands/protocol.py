@@ -1,0 +1,110 @@
+"""`uwoc-gym protocol`: train groups of agents from several seeds, fly all held-out seeds, and say who is better."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.learning import protocol
+from uwoc_gym.agents.learning.protocol import GROUPS
+from uwoc_gym.agents.learning.seeds import HELD_OUT
+from uwoc_gym.agents.options import add_scenario_arguments, scenarios_of, whole
+from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.reports import comparison, figures, files
+from uwoc_gym.registry import ENV_IDS
+
+HELP = "train every group of agents from several seeds and compare them with the controllers on held-out seeds"
+EXAMPLES = """\
+examples:
+  uwoc-gym protocol --runs runs/protocol --out benchmark
+  uwoc-gym protocol --runs runs/protocol --groups ppo --training-seeds 3 --scenario Random --out benchmark
+  uwoc-gym protocol --runs runs/protocol --out benchmark --ship trained
+"""
+
+CONTROLLERS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
+"""The controllers that fly beside the groups."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument(
+        "--groups", nargs="+", default=list(GROUPS), choices=list(GROUPS), metavar="GROUP",
+        help=f"what to train (default: {' '.join(GROUPS)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--training-seeds", type=whole(0), metavar="N",
+        help="trainings of each group (default: the group's own, 10 or 3); 0 for controllers alone",
+    )  # fmt: skip
+    add_scenario_arguments(parser, list(ENV_IDS), "what is flown: ", many=True)
+    parser.add_argument(
+        "--seeds", type=whole(1), default=len(HELD_OUT), metavar="N", help="held-out seeds (default: %(default)s)"
+    )
+    parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps instead of the settings' own")
+    parser.add_argument(
+        "--jobs", type=whole(1), default=2, metavar="N", help="trainings and flights at a time (default: %(default)s)"
+    )
+    parser.add_argument("--runs", required=True, metavar="DIR", help="folder of the trainings; what is there is kept")
+    parser.add_argument("--ship", metavar="DIR", help="put each group's best agent on the validation seeds here")
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder for BENCHMARK.md, results.json, scores.npz and figures"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train what is missing, fly everything and report; returns the exit status."""
+    require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
+    if args.seeds > len(HELD_OUT):
+        raise CommandError(f"--seeds {args.seeds} is not allowed; there are {len(HELD_OUT)} held-out seeds.")
+    scenarios = scenarios_of(args)
+    folder, runs = files.output_folder(args.out), files.output_folder(args.runs)
+    begun = time.perf_counter()
+    counts = {name: GROUPS[name].seeds if args.training_seeds is None else args.training_seeds for name in args.groups}
+    members = protocol.jobs_of({name: count for name, count in counts.items() if count}, runs, args.steps)
+    # By seed, so that a protocol that is stopped has as much of every group.
+    jobs = sorted((job for own in members.values() for job in own), key=lambda job: job.wish.seed or 0)
+    protocol.train_all(jobs, args.jobs)
+    folders = {group: [job.folder for job in own] for group, own in members.items()}
+    if args.ship:
+        for group, own in folders.items():
+            protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
+    policies = {name: [name] for name in CONTROLLERS}
+    policies |= {group: [str(path) for path in own] for group, own in folders.items()}
+    scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], args.jobs)
+    results: dict[str, Any] = {
+        "held_out_seeds": args.seeds,
+        "groups": {
+            group: {
+                "arguments": GROUPS[group].wish.words(),
+                "trainings": [json.loads((path / "results.json").read_text(encoding="utf-8")) for path in own],
+            }
+            for group, own in folders.items()
+        },
+        "results": {name: comparison.compared(own) for name, own in scores.items()},
+        "microseconds_a_decision": {
+            name: round(protocol.decision_time(load(own[0])), 1) for name, own in policies.items()
+        },
+    }
+    arrays: dict[str, Any] = {
+        f"{scenario}/{policy}/{key}": values
+        for scenario, by_policy in scores.items()
+        for policy, measures in by_policy.items()
+        for key, values in measures.items()
+    }
+    with files.whole(folder / "scores.npz") as part, part.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    results["wall_time_s"] = round(time.perf_counter() - begun, 1)
+    files.write_results(folder, args.command_line, scenarios, results)
+    for name, by_policy in scores.items():
+        returns = {policy: measures["return"] for policy, measures in by_policy.items()}
+        if returns[comparison.REFERENCE].shape[1] > 1:
+            figures.profiles(folder / f"profile-{name}.png", name, returns, scenarios[name])
+    text = comparison.markdown(args.command_line, results)
+    files.write_text(folder / "BENCHMARK.md", text)
+    print(text, end="")
+    return 0

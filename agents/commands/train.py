@@ -1,0 +1,89 @@
+"""`uwoc-gym train`: train an agent, watch it learn, and keep the best model."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from uwoc_gym.agents.errors import require
+from uwoc_gym.agents.learning.plans import DEFAULT_ENV, Wish
+from uwoc_gym.agents.learning.settings import TRAINABLE
+from uwoc_gym.agents.options import add_scenario_arguments, whole
+from uwoc_gym.baselines.controllers import CONTROLLERS
+
+HELP = "train an agent with Stable-Baselines3 and keep its best model"
+EXAMPLES = """\
+examples:
+  uwoc-gym train --algorithm ppo --env uwoc/Random-v0 --out runs/ppo
+  uwoc-gym train --resume --out runs/ppo
+  uwoc-gym train --algorithm sac --steps 200000 --set policy_kwargs.net_arch=[64,64] --set learning_rate=lin_1e-3 \\
+      --out runs/sac
+  uwoc-gym train --scenario Random --override '{"vehicle": {"mass_scale": [0.7, 1.3]}}' --out runs/heavy
+  uwoc-gym train --residual nlpd --scale 0.3 --frame-stack 3 --seed 1 --out runs/residual
+  uwoc-gym benchmark --policy nlpd runs/ppo --scenario Random
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument("--algorithm", metavar="NAME", help=f"one of {', '.join(TRAINABLE)} (default: ppo)")
+    parser.add_argument(
+        "--env", metavar="ID", help=f"environment ID or module:ID, also of other packages (default: {DEFAULT_ENV})"
+    )
+    add_scenario_arguments(parser, None, "in place of --env, ")
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder of the run: model.zip, results.json and all"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with the run in --out from its last checkpoint")
+    parser.add_argument("--seed", type=whole(0), metavar="S", help="the run's seed (default: 0)")
+    parser.add_argument("--steps", type=whole(1), metavar="N", help="steps in all (default: the settings' n_timesteps)")
+    parser.add_argument("--envs", type=whole(1), metavar="N", help="environments (default: the settings' n_envs)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE",
+        help="override a setting, such as policy_kwargs.net_arch=[64,64]",
+    )  # fmt: skip
+    parser.add_argument("--settings", metavar="FILE", help="settings file (default: the package's for the algorithm)")
+    parser.add_argument(
+        "--residual",
+        metavar="CONTROLLER",
+        help=f"correct a controller: {', '.join(CONTROLLERS)} or a .json file of gains",
+    )
+    parser.add_argument("--scale", type=float, metavar="X", help="what an action of 1 adds, in (0, 2] (default: 0.5)")
+    parser.add_argument("--frame-stack", type=whole(1), metavar="N", help="observations in a row that the agent sees")
+    parser.add_argument("--eval-every", type=whole(1), metavar="N", help="steps (default: a twentieth of all)")
+    parser.add_argument("--eval-episodes", type=whole(2), metavar="N", help="episodes of an evaluation (default: 32)")
+    parser.add_argument("--checkpoint-every", type=whole(1), metavar="N", help="steps (default: as --eval-every)")
+    parser.add_argument(
+        "--threads", type=whole(1), default=1, metavar="N", help="threads of PyTorch (default: %(default)s)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train and report; returns the exit status."""
+    require("yaml", "stable_baselines3", "tensorboard", "tqdm", "matplotlib")
+    from uwoc_gym.agents.learning import training
+
+    wish = Wish(**{field.name: getattr(args, field.name) for field in fields(Wish)} | {"set": tuple(args.set)})
+    folder = Path(args.out)
+    already = training.finished(folder)
+    try:
+        made = training.train(wish, folder, args.command_line, args.resume, args.threads)
+    except training.Interruption as stop:
+        print(f"uwoc-gym train: {stop}; go on with: uwoc-gym train --resume --out {args.out}", file=sys.stderr)
+        return stop.status
+    if already:
+        print(f"uwoc-gym train: the run in {folder} is finished", file=sys.stderr)
+        return 0
+    best = made.progress.best
+    assert best is not None
+    print(f"best model, at step {best['steps']}: {folder / 'model.zip'}")
+    for name, scores in {"agent": best, **made.baselines}.items():
+        print(f"  {name}: " + ", ".join(_score(key, scores) for key in ("return", "availability") if key in scores))
+    return 0
+
+
+def _score(key: str, scores: dict[str, Any]) -> str:
+    return f"{key} {scores[key]['mean']:.4g}"

@@ -1,0 +1,148 @@
+"""`uwoc-gym tune`: search for the gains of a controller or the settings of a learner, never on held-out seeds."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.learning import tuning
+from uwoc_gym.agents.learning.plans import Wish, planned
+from uwoc_gym.agents.learning.search import Dimension, Found, search
+from uwoc_gym.agents.options import add_scenario_arguments, add_search_arguments, whole
+from uwoc_gym.agents.reports import files
+from uwoc_gym.agents.scenarios import said
+from uwoc_gym.baselines import gains
+
+HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
+EXAMPLES = """\
+examples:
+  uwoc-gym tune nlpd --out tuning/nlpd
+  uwoc-gym tune pd --trials 500 --override '{"sea": {"current": {"speed_mps": 0.3}}}' --out tuning/pd
+  uwoc-gym tune ppo --trials 30 --steps 1000000 --out tuning/ppo
+  uwoc-gym tune nlpd --trials 3000 --out tuning/nlpd --resume
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument("target", choices=(*tuning.CONTROLLERS, *tuning.LEARNERS), help="what to tune")
+    add_scenario_arguments(parser, None, "what it is tuned on, by default Random: ")
+    parser.add_argument("--env", metavar="ID", help="an environment of another package that a learner is tuned on")
+    parser.add_argument(
+        "--trials", type=whole(1), metavar="N", help="points to try in all (default: 2000; learners 30)"
+    )
+    parser.add_argument(
+        "--batch", type=whole(1), default=16, metavar="N", help="gain sets to fly at a time (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--episodes", type=whole(1), default=64, metavar="N",
+        help="training seeds that every gain set is flown on (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--steps",
+        type=whole(1),
+        default=1_000_000,
+        metavar="N",
+        help="steps of a learner's trial (default: %(default)s)",
+    )
+    add_search_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Search and report; returns the exit status."""
+    require("optuna", "cmaes", "tqdm")
+    found = _gains(args) if args.target in tuning.CONTROLLERS else _settings(args)
+    if not found.finished:
+        print("uwoc-gym tune: interrupted; --resume goes on", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _gains(args: argparse.Namespace) -> Found:
+    if args.env is not None:
+        raise CommandError(f"--env is not allowed for {args.target}, a controller; give --scenario.")
+    name, _, _, scenario = said(args.scenario or "Random", args.override)
+    folder = files.output_folder(args.out)
+    box = tuning.CONTROLLERS[args.target]
+    problem = {
+        "target": args.target, "seed": args.seed, "scenario": scenario.to_dict(), "episodes": args.episodes,
+    }  # fmt: skip
+    found = search(
+        folder,
+        problem,
+        box,
+        tuning.controller_score(scenario, args.seed, args.episodes),
+        trials=args.trials or 2000,
+        batch=args.batch,
+        seed=args.seed,
+        direction="maximize",
+        sampler="cma-es",
+        begin=[tuning.point_of(gains(args.target), box)],
+        resume=args.resume,
+    )
+    law = tuning.gains_of(found.best.values, args.command_line)
+    validation = tuning.validation(law, scenario)
+    files.write_json(folder / "gains.json", asdict(law))
+    document = {**_document(problem, box, found), "validation": validation}
+    files.write_results(folder, args.command_line, {name: scenario}, document)
+    _show(args.target, name, found, validation)
+    return found
+
+
+def _settings(args: argparse.Namespace) -> Found:
+    require("yaml", "stable_baselines3", "tensorboard", "matplotlib")
+    folder = Path(args.out)
+    wish = Wish(
+        algorithm=args.target,
+        env=args.env,
+        scenario=args.scenario,
+        override=args.override,
+        steps=args.steps,
+        seed=args.seed,
+    )
+    plan = planned(wish)
+    files.output_folder(folder)
+    box = tuning.LEARNERS[args.target]
+    problem: dict[str, Any] = {"target": args.target, "seed": args.seed, "env": plan.env_id, "steps": args.steps}
+    if plan.task is not None and (plan.name != plan.env_id or plan.overrides):
+        problem["scenario"] = plan.task.to_dict()
+    found = search(
+        folder,
+        problem,
+        box,
+        tuning.learner_score(wish, folder),
+        trials=args.trials or 30,
+        batch=1,
+        seed=args.seed,
+        direction="maximize",
+        sampler="tpe",
+        resume=args.resume,
+    )
+    best = folder / f"trial-{int(found.best.outcome['trial']):04d}"
+    files.copy(best / "settings.yaml", folder / "settings.yaml")
+    files.write_results(folder, args.command_line, {plan.name: plan.task}, _document(problem, box, found))
+    _show(args.target, plan.name, found, {})
+    return found
+
+
+def _document(problem: Mapping[str, Any], box: Mapping[str, Dimension], found: Found) -> dict[str, Any]:
+    return {
+        "finished": found.finished,
+        **problem,
+        "space": {key: each._asdict() for key, each in box.items()},
+        "trials": found.trials,
+        "score": found.best.score,
+        "found": found.best.values,
+        "outcome": found.best.outcome,
+    }
+
+
+def _show(target: str, name: str, found: Found, validation: Mapping[str, float]) -> None:
+    print(f"{target} on {name}: score {found.best.score:.6g} after {found.trials} trials; found:")
+    for key, value in {**found.best.values, **found.best.outcome, **validation}.items():
+        print(f"  {key:<28} {value:.6g}")

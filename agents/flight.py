@@ -1,0 +1,205 @@
+"""Flying a policy through seeded episodes, and what they come to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.baselines.policy import Policy, Predictor
+from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
+from uwoc_gym.parameters import Parameters, Range
+from uwoc_gym.scenario import Scenario
+from uwoc_gym.ship import RandomPath
+from uwoc_gym.spaces import ACTION_SIZE
+from uwoc_gym.vector_env import TrackingVectorEnv
+
+Array = npt.NDArray[np.float64]
+
+
+def draws(scenario: Scenario) -> bool:
+    """Whether episodes of the scenario differ from seed to seed."""
+    noise = [scenario.sea.current.std_mps, *(value for _, value in scenario.sensors.numbers())]
+    return (
+        _has_range(scenario)
+        or len(scenario.ship_paths) > 1
+        or any(isinstance(path, RandomPath) for path in scenario.ship_paths)
+        or any(value != 0.0 for value in noise)
+    )
+
+
+def flown_seeds(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Sequence[int]:
+    """The seeds that differ: the first alone where neither the scenario nor the policy has anything random."""
+    return seeds[:1] if policy.deterministic and not draws(scenario) else seeds
+
+
+def _has_range(value: Any) -> bool:
+    if isinstance(value, Range):
+        return True
+    if isinstance(value, Parameters):
+        return any(_has_range(getattr(value, name)) for name in value.specs())
+    return isinstance(value, tuple) and any(_has_range(item) for item in value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """What one episode looked like, one sample per control period."""
+
+    time_s: Array
+    pose: Array
+    """(T + 1, 3) [m, m, rad]."""
+    ship_pose: Array
+    """(T + 1, 3) [m, m, rad]."""
+    range_m: Array
+    pointing_error_rad: Array
+    bit_rate_bps: Array
+    slant_height_m: float
+    depth_m: float
+    disturbance_s: float
+    """Start of the first disturbance [s]; nan if there is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """The episodes of one policy in one scenario."""
+
+    seeds: tuple[int, ...]
+    metrics: EpisodeMetrics
+    record: EpisodeRecord
+    series: Series
+    """The first episode."""
+    extra: dict[str, Array]
+    """Further entries of the true state that were asked for, each of shape (T + 1, N, ...)."""
+
+
+def _disturbances(parameters: dict[str, Array], size: int) -> Array:
+    """When the first pulse of each simulation begins [s]; nan where there is none."""
+    starts = [values for path, values in parameters.items() if path.startswith("sea.pulses") and "start_s" in path]
+    return np.min(starts, axis=0) if starts else np.full(size, math.nan)
+
+
+_RECORDED = ("in_cone", "pose", "ship_pose", "bit_rate_bps")
+
+
+def fly(
+    policy: Policy,
+    scenario: Scenario,
+    seeds: Sequence[int],
+    parameters: Mapping[str, npt.ArrayLike] | None = None,
+    extra: Sequence[str] = (),
+) -> Flight:
+    """Fly one episode per seed, all together, on observations alone.
+
+    Args:
+        policy: What decides.
+        scenario: What is flown.
+        seeds: Seeds of the N episodes.
+        parameters: Numbers to take instead of drawing them, as in `TrackingVectorEnv.reset`.
+        extra: Names of entries of `TrackingVectorEnv.state` to record besides what the measures need.
+
+    Raises:
+        ValueError: One of ``parameters`` isn't allowed.
+        CommandError: The policy gives actions of another shape or that aren't finite.
+    """
+    size, steps = len(seeds), scenario.episode.steps
+    predictor = policy.make(scenario)
+    # After its end a simulation begins anew, which is ignored: the others still need their steps.
+    env = TrackingVectorEnv(size, scenario)
+    observations, _ = env.reset(seed=list(seeds), options={"parameters": parameters})
+    state = env.state()
+    tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in (*_RECORDED, *extra)}
+    first = {name: np.zeros(steps + 1) for name in ("range_m", "pointing_error_rad")}
+    force, reward = np.zeros((steps, size, 3)), np.zeros((steps, size))
+    valid = np.zeros((steps + 1, size), dtype=bool)
+    alive, lost, begun = np.ones(size, dtype=bool), np.zeros(size, dtype=bool), np.ones(size, dtype=bool)
+    disturbance = _disturbances(env.parameters(), size)
+    slant, depth = float(state["slant_height_m"][0]), float(state["depth_m"][0])
+    rewards, terminated, truncated = np.zeros(size), np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+    memory: Any = None
+    for step in range(steps + 1):
+        for name, track in tracks.items():
+            track[step] = state[name]
+        for name, column in first.items():
+            column[step] = state[name][0]
+        valid[step] = alive
+        if step > 0:
+            force[step - 1] = state["force"]
+            reward[step - 1] = rewards
+            lost |= alive & terminated
+            alive = alive & ~(terminated | truncated)
+        if step == steps or not alive.any():
+            break
+        actions, memory = decide(policy, predictor, observations, memory, begun)
+        actions = np.where(alive[:, None], actions, np.float32(0.0))
+        observations, rewards, terminated, truncated, _ = env.step(actions)
+        begun = terminated | truncated
+        state = env.state()
+    env.close()
+    record = EpisodeRecord(
+        time_s=np.arange(steps + 1, dtype=np.float64) * scenario.episode.control_period_s,
+        **{name: tracks[name] for name in _RECORDED},
+        force=force,
+        reward=reward,
+        valid=valid,
+        lost=lost,
+        disturbance_s=disturbance,
+        force_limits=scenario.vehicle.force_limits,
+    )
+    own = valid[:, 0]
+    series = Series(
+        time_s=record.time_s[own],
+        pose=record.pose[own, 0],
+        ship_pose=record.ship_pose[own, 0],
+        range_m=first["range_m"][own],
+        pointing_error_rad=first["pointing_error_rad"][own],
+        bit_rate_bps=record.bit_rate_bps[own, 0],
+        slant_height_m=slant,
+        depth_m=depth,
+        disturbance_s=float(disturbance[0]),
+    )
+    return Flight(
+        seeds=tuple(seeds),
+        metrics=episode_metrics(record),
+        record=record,
+        series=series,
+        extra={name: tracks[name] for name in extra},
+    )
+
+
+def decide(
+    policy: Policy, predictor: Predictor, observations: Any, memory: Any, begun: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.float32], Any]:
+    """Actions (N, 3) for observations (N, 20), and the policy's memory.
+
+    Raises:
+        CommandError: The policy fails, or gives something else than finite actions of that shape and its memory.
+    """
+    try:
+        found = predictor.predict(observations, state=memory, episode_start=begun, deterministic=True)
+    except Exception as error:
+        raise CommandError(f"policy {policy.name!r} failed: {type(error).__name__}: {error}") from error
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise CommandError(f"policy {policy.name!r} gave a {type(found).__name__}; it must give (actions, memory).")
+    size = len(observations)
+    try:
+        array = np.asarray(found[0], dtype=np.float32)
+    except (TypeError, ValueError):
+        array = np.empty(0, dtype=np.float32)
+    if array.shape != (size, ACTION_SIZE) or not np.isfinite(array).all():
+        raise CommandError(
+            f"policy {policy.name!r} gave actions of shape {array.shape}"
+            f"{'' if np.isfinite(array).all() else ' that are not all finite'}; they must be finite and of shape "
+            f"({size}, {ACTION_SIZE})."
+        )
+    return array, found[1]
+
+
+def batches(seeds: Sequence[int], size: int) -> Iterator[Sequence[int]]:
+    """The seeds in groups of at most ``size``."""
+    for start in range(0, len(seeds), size):
+        yield seeds[start : start + size]

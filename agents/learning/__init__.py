@@ -1,0 +1,1 @@
+"""Training, tuning and calibrating: runs, settings, checkpoints, searches, seeds."""

@@ -1,0 +1,293 @@
+"""What a training is asked to be, as data, and what it comes to once everything has been checked."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from uwoc_gym.agents.errors import CommandError, naming, require
+from uwoc_gym.agents.learning import settings
+from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.settings import TRAINABLE
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.scenarios import Said, json_object, said
+from uwoc_gym.baselines import GAINS, Gains, gains
+from uwoc_gym.parameters import SettingError, closest
+from uwoc_gym.registry import ENV_IDS
+from uwoc_gym.scenario import Scenario
+
+DEFAULT_ENV = "uwoc/Random-v0"
+
+PERIODS = ("control_period_s", "integration_step_s")
+"""The arguments of our environments, besides ``scenario``, that settings may hold."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """What a training is asked to be: the options of `uwoc-gym train`, None where nothing was said."""
+
+    algorithm: str | None = None
+    env: str | None = None
+    scenario: str | None = None
+    override: str | None = None
+    residual: str | None = None
+    scale: float | None = None
+    frame_stack: int | None = None
+    steps: int | None = None
+    envs: int | None = None
+    settings: str | None = None
+    set: tuple[str, ...] = ()
+    seed: int | None = None
+    eval_every: int | None = None
+    eval_episodes: int | None = None
+    checkpoint_every: int | None = None
+
+    def words(self) -> list[str]:
+        """The options that say the same on the command line."""
+        words: list[str] = []
+        for field in fields(self):
+            value = getattr(self, field.name)
+            option = "--" + field.name.replace("_", "-")
+            for each in value if isinstance(value, tuple) else () if value is None else (value,):
+                words += [option, str(each)]
+        return words
+
+
+@dataclass(frozen=True)
+class Job:
+    """A training and where it keeps everything."""
+
+    wish: Wish
+    folder: Path
+
+    @property
+    def command(self) -> str:
+        """The command that would do the same."""
+        return shlex.join(["uwoc-gym", "train", *self.wish.words(), "--out", str(self.folder)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a run is to do, once everything given has been checked."""
+
+    algorithm: str
+    env_id: str
+    name: str
+    """What it is trained on, in a word: the environment's ID, or the name of a scenario file."""
+    seed: int
+    values: dict[str, Any]
+    """Checked settings."""
+    task: Scenario | None
+    """What is evaluated, and trained on but for the settings' own overrides; None for environments of others."""
+    overrides: tuple[dict[str, Any], ...]
+    """What was asked to be changed in the environment's scenario; goes before the settings' own overrides."""
+    gains: Gains | None
+    """The controller that the agent corrects, if any."""
+    eval_every: int
+    eval_episodes: int
+    checkpoint_every: int
+
+    @property
+    def practice(self) -> Scenario | None:
+        """What is trained on."""
+        if self.task is None:
+            return None
+        practice = self.task
+        for changes in (self.values["env_kwargs"].get("scenario") or {}, *self.overrides):
+            practice = practice.merged(changes)
+        return practice
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as plain data, as it is recorded and by which a resumed run is compared with the one before."""
+        plain: dict[str, Any] = json.loads(
+            json.dumps(
+                {
+                    "algorithm": self.algorithm,
+                    "env": self.env_id,
+                    "name": self.name,
+                    "seed": self.seed,
+                    "settings": self.values,
+                    "overrides": self.overrides,
+                    "scenario": self.task.to_dict() if self.task is not None else None,
+                    "eval_every": self.eval_every,
+                    "eval_episodes": self.eval_episodes,
+                    "checkpoint_every": self.checkpoint_every,
+                }
+            )
+        )
+        return plain
+
+
+def recorded_plan(path: Path) -> dict[str, Any]:
+    """What a run's ``run.json`` says it is.
+
+    Raises:
+        CommandError: The file doesn't describe a run.
+    """
+    try:
+        found = dict(json.loads(path.read_text(encoding="utf-8")))
+        found["settings"], found["algorithm"]
+        found.setdefault("name", found["env"])
+        # Runs of earlier versions hold one mapping.
+        if isinstance(found["overrides"], dict):
+            found["overrides"] = [found["overrides"]] if found["overrides"] else []
+    except (ValueError, KeyError, TypeError):
+        raise CommandError(f"{path} doesn't describe a run.") from None
+    return found
+
+
+def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
+    """The plan of a wish; what it leaves open is as recorded, or the default.
+
+    Args:
+        wish: What was asked for.
+        recorded: What the run that is to go on says it is, as `recorded_plan` gives it.
+
+    Raises:
+        CommandError: Something isn't allowed, or what it needs isn't installed.
+    """
+    known = recorded or {}
+    algorithm = wish.algorithm or known.get("algorithm", "ppo")
+    if algorithm not in TRAINABLE:
+        raise CommandError(f"--algorithm {algorithm!r} is not allowed; {closest(algorithm, TRAINABLE)}")
+    require(ALGORITHMS[algorithm].module)
+    seed = wish.seed if wish.seed is not None else known.get("seed", 0)
+    training_seed(seed)
+    env_id, name, base, overrides = _environment(wish, known)
+    own_file = Path(wish.settings) if wish.settings else None
+    if recorded is not None and own_file is None and recorded["algorithm"] == algorithm and recorded["env"] == env_id:
+        values = settings.checked(algorithm, recorded["settings"], "run.json")
+    else:
+        values, _ = settings.resolve(algorithm, env_id, path=own_file)
+    values = _overridden(wish, algorithm, values)
+    found = _gains(values["residual"])
+    if base is None and values["residual"]:
+        raise CommandError(f"residual is not allowed for {env_id!r}, which isn't one of this package's.")
+    episodes = wish.eval_episodes or known.get("eval_episodes", 32)
+    if episodes > len(VALIDATION):
+        raise CommandError(f"--eval-episodes {episodes} is not allowed; there are {len(VALIDATION)} validation seeds.")
+    every = wish.eval_every or known.get("eval_every", max(values["n_timesteps"] // 20, 1))
+    plan = Plan(
+        algorithm=algorithm,
+        env_id=env_id,
+        name=name,
+        seed=seed,
+        values=values,
+        task=_task(base, values),
+        overrides=overrides,
+        gains=found,
+        eval_every=every,
+        eval_episodes=episodes,
+        checkpoint_every=wish.checkpoint_every or known.get("checkpoint_every", every),
+    )
+    try:
+        _ = plan.practice
+    except SettingError as error:
+        raise CommandError(f"env_kwargs.scenario is not allowed: {error}") from None
+    return plan
+
+
+def check_same(plan: Plan, recorded: Mapping[str, Any], folder: Path) -> None:
+    """Refuse to go on with a run under other settings than those it was begun with.
+
+    Raises:
+        CommandError: Something is unlike.
+    """
+    wanted = plan.to_dict()
+    for key in ("algorithm", "env", "seed"):
+        if wanted[key] != recorded.get(key):
+            raise CommandError(f"--resume: the run in {folder} has {key} = {recorded.get(key)!r}, not {wanted[key]!r}.")
+    for key in wanted["settings"] | recorded["settings"]:
+        old, new = recorded["settings"].get(key), wanted["settings"].get(key)
+        if old != new:
+            raise CommandError(f"--resume: the run in {folder} has {key} = {old!r}, not {new!r}; begin another run.")
+    if plan.task != _recorded_task(recorded) or wanted["overrides"] != recorded["overrides"]:
+        raise CommandError(f"--resume: the run in {folder} has another scenario; leave out --scenario and --override.")
+    if wanted["eval_episodes"] != recorded.get("eval_episodes"):
+        raise CommandError(f"--resume: the run in {folder} has --eval-episodes {recorded.get('eval_episodes')}.")
+
+
+def _environment(wish: Wish, known: Mapping[str, Any]) -> tuple[str, str, Scenario | None, tuple[dict[str, Any], ...]]:
+    """The environment's ID, what is trained on in a word, its scenario, and what was changed in it."""
+    from uwoc_gym.agents.learning.environments import base_scenario
+
+    if wish.env is not None and wish.scenario is not None:
+        raise CommandError("--scenario is not allowed beside --env, which says the scenario already; leave out one.")
+    if wish.scenario is None and wish.override is None and wish.env in (None, known.get("env")) and known:
+        # Refuses an environment that isn't there any more.
+        base_scenario(known["env"])
+        return known["env"], known["name"], _recorded_task(known), tuple(known["overrides"])
+    if wish.scenario is not None:
+        found = said(wish.scenario, wish.override)
+        # A file that says everything is no named scenario's: the settings' default entry holds for it.
+        env_id = next(each for each, name in ENV_IDS.items() if name == (found.base or "Nominal"))
+        return env_id, _called(found, env_id), found.scenario, found.changes
+    env_id = wish.env or known.get("env", DEFAULT_ENV)
+    base = base_scenario(env_id)
+    if wish.override is None:
+        return env_id, env_id, base, ()
+    if base is None:
+        raise CommandError(f"--override is not allowed for {env_id!r}, which isn't one of this package's.")
+    with naming("--override"):
+        changes = json_object(wish.override)
+        try:
+            return env_id, env_id, base.merged(changes), (changes,) if changes else ()
+        except SettingError as error:
+            raise CommandError(str(error)) from None
+
+
+def _recorded_task(recorded: Mapping[str, Any]) -> Scenario | None:
+    return None if recorded.get("scenario") is None else Scenario.from_dict(recorded["scenario"])
+
+
+def _called(found: Said, env_id: str) -> str:
+    return env_id if found.name == found.base else found.name
+
+
+def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str, Any]:
+    values = settings.assigned(algorithm, values, wish.set)
+    residual: Any = wish.residual
+    if residual is not None and residual.endswith(".json"):
+        with naming("--residual"):
+            residual = json_object(residual, file=True)
+    given = {
+        "n_timesteps": wish.steps,
+        "n_envs": wish.envs,
+        "residual": residual,
+        "residual_scale": wish.scale,
+        "frame_stack": wish.frame_stack,
+    }
+    return settings.checked(
+        algorithm, values | {key: value for key, value in given.items() if value is not None}, "option"
+    )
+
+
+def _gains(given: Any) -> Gains | None:
+    """The gains of the controller that is corrected."""
+    if given is None:
+        return None
+    try:
+        return Gains(**given) if isinstance(given, dict) else gains(given)
+    except SettingError as error:
+        hint = closest(given, list(GAINS)) if isinstance(given, str) else str(error)
+        raise CommandError(f"residual = {given!r} is not allowed; {hint}") from None
+    except TypeError as error:
+        raise CommandError(f"residual = {given!r} is not allowed: {error}") from None
+
+
+def _task(base: Scenario | None, values: Mapping[str, Any]) -> Scenario | None:
+    """The scenario to evaluate in: that which was asked for, with the periods that the settings say."""
+    if base is None:
+        return None
+    given = {key: value for key, value in values["env_kwargs"].items() if key != "scenario"}
+    for key in given:
+        if key not in PERIODS:
+            raise CommandError(f"env_kwargs has {key!r}, which is not known; {closest(key, ['scenario', *PERIODS])}")
+    try:
+        return base.merged({"episode": given})
+    except SettingError as error:
+        raise CommandError(f"env_kwargs: {error}") from None

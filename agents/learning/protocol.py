@@ -1,0 +1,253 @@
+"""The benchmark's protocol: groups of agents trained from several seeds, and flown on held-out seeds."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.flight import batches, draws, fly
+from uwoc_gym.agents.learning import checkpoints
+from uwoc_gym.agents.learning.plans import Job, Wish, planned, recorded_plan
+from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.reports import files
+from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.observation import SIZE
+from uwoc_gym.scenario import Scenario
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Agents that differ in nothing but their training seed."""
+
+    wish: Wish
+    """What is trained, without seed."""
+    seeds: int
+    """Training seeds by default."""
+    description: str
+
+
+GROUPS: dict[str, Group] = {
+    "ppo": Group(Wish(algorithm="ppo", eval_every=500_000, eval_episodes=64), 10, "PPO on the last four observations"),
+    "ppo-residual": Group(
+        Wish(
+            algorithm="ppo",
+            residual="nlpd-tuned",
+            scale=0.6,
+            steps=3_000_000,
+            set=("policy_kwargs.log_std_init=-1.0", "learning_rate=lin_7e-4"),
+            eval_every=500_000,
+            eval_episodes=64,
+        ),
+        10,
+        "PPO on the last four observations, correcting nlpd-tuned",
+    ),
+    "ppo-one-frame": Group(
+        Wish(algorithm="ppo", frame_stack=1, eval_every=500_000, eval_episodes=64),
+        3,
+        "PPO on the last observation alone",
+    ),
+    "td3": Group(Wish(algorithm="td3", eval_every=30_000, eval_episodes=64), 3, "TD3 on the last four observations"),
+}
+"""The groups of the benchmark; settings are those in `agents/settings/`."""
+
+
+def train_all(jobs: Sequence[Job], at_a_time: int) -> None:
+    """Train what isn't finished, each in a process of its own; what was stopped goes on where it stood.
+
+    Raises:
+        CommandError: A training failed, or a folder holds one with other settings; no more are begun then.
+    """
+    from tqdm import tqdm
+
+    from uwoc_gym.agents.learning.training import finished
+
+    for job in jobs:
+        _check_same(job)
+    missing = [job for job in jobs if not finished(job.folder)]
+    with (
+        ThreadPoolExecutor(at_a_time) as pool,
+        tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="training", file=sys.stderr) as bar,
+    ):
+        for job, trouble in zip(missing, pool.map(_in_its_own_process, missing), strict=True):
+            if trouble is not None:
+                pool.shutdown(cancel_futures=True)
+                raise CommandError(
+                    f"a training failed; the others stand in their folders. {job.folder.name}: {trouble}"
+                )
+            bar.update()
+
+
+def _check_same(job: Job) -> None:
+    """Refuse a run that was begun with other settings than it would be now."""
+    path = job.folder / "run.json"
+    if not path.is_file():
+        return
+    recorded = recorded_plan(path)
+    for key, value in planned(job.wish).to_dict().items():
+        if recorded.get(key) != value:
+            raise CommandError(
+                f"--runs: {job.folder} was begun with other {key} than this protocol's; move it away or give another "
+                "folder."
+            )
+
+
+def _in_its_own_process(job: Job) -> str | None:
+    """What went wrong in a training, in a line; None if nothing did."""
+    # PyTorch and Numba don't like to be forked.
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=train_and_tell, args=(job, sender))
+    process.start()
+    sender.close()
+    try:
+        trouble: str | None = receiver.recv()
+    except EOFError:
+        # It was killed, and says nothing any more.
+        process.join()
+        trouble = f"its process ended with status {process.exitcode}"
+    process.join()
+    return trouble
+
+
+def train_and_tell(job: Job, sender: Any) -> None:
+    """Train in a process of its own, and send what went wrong."""
+    from uwoc_gym.agents.learning import training
+
+    trouble = None
+    try:
+        training.train(job.wish, job.folder, job.command, resume=training.begun(job.folder), bar=False)
+    except (Exception, KeyboardInterrupt) as error:
+        kind = "" if isinstance(error, (CommandError, training.Interruption)) else f"{type(error).__name__}: "
+        trouble = kind + " ".join(str(error).split())
+    # Whoever waited for it may be gone.
+    with suppress(BrokenPipeError):
+        sender.send(trouble)
+
+
+def jobs_of(groups: Mapping[str, int], runs: Path, steps: int | None) -> dict[str, list[Job]]:
+    """The trainings of each group.
+
+    Args:
+        groups: Number of trainings by a name in `GROUPS`.
+        runs: Folder of all runs.
+        steps: Steps of each training, in place of what its group says.
+    """
+    return {
+        name: [
+            Job(replace(GROUPS[name].wish, seed=seed, steps=steps or GROUPS[name].wish.steps), runs / f"{name}-{seed}")
+            for seed in range(count)
+        ]
+        for name, count in groups.items()
+    }
+
+
+def ship(own: Sequence[Path], target: Path, text: str) -> None:
+    """Copy the agent with the highest validation score to a folder of its own, without what only training needs.
+
+    Raises:
+        CommandError: A file can't be read or written.
+    """
+
+    def validation(path: Path) -> float:
+        return float(json.loads((path / "results.json").read_text(encoding="utf-8"))["best"]["return"]["mean"])
+
+    best = max(own, key=validation)
+    target.mkdir(parents=True, exist_ok=True)
+    for name in ("settings.yaml", "results.json", "vecnormalize.pkl"):
+        if (best / name).is_file():
+            files.copy(best / name, target / name)
+    description = saved.read_description(best / saved.DESCRIPTION)
+    files.write_json(
+        target / saved.DESCRIPTION, {**description, "description": f"{text}; trained on {description['env']}"}
+    )
+    model = ALGORITHMS[description["algorithm"]].load().load(best / "model.zip", device="cpu")
+    # The optimisers' moments are a third of the file and of no use to act.
+    for part in model.get_parameters():
+        if part.endswith("optimizer"):
+            owner: Any = model
+            for attribute in part.split("."):
+                owner = getattr(owner, attribute)
+            owner.state.clear()
+    checkpoints.save_model(model, target / "model.zip")
+
+
+def fly_all(
+    scenarios: Mapping[str, Scenario], policies: Mapping[str, Sequence[str]], seeds: Sequence[int], jobs: int
+) -> dict[str, dict[str, dict[str, Array]]]:
+    """Fly every policy through every scenario.
+
+    Args:
+        scenarios: By name.
+        policies: The members of each policy, as `load` takes them.
+        seeds: Seeds of the episodes.
+        jobs: Flights at a time, each in a process of its own.
+
+    Returns:
+        Each measure by scenario and policy, shape (members, seeds).
+    """
+    from tqdm import tqdm
+
+    flights = [
+        (scenario_name, name, member, seeds if draws(scenario) else seeds[:1])
+        for scenario_name, scenario in scenarios.items()
+        for name, members in policies.items()
+        for member in members
+    ]
+    rows: dict[tuple[str, str], list[list[dict[str, float]]]] = {}
+    # PyTorch and Numba don't like to be forked.
+    with (
+        ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _one_thread) as pool,
+        tqdm(total=len(flights), unit="flight", file=sys.stderr) as bar,
+    ):
+        flown = [pool.submit(_rows, member, scenarios[scenario], own) for scenario, _, member, own in flights]
+        for (scenario, name, _, _), done in zip(flights, flown, strict=True):
+            bar.set_description(f"{scenario}, {name}")
+            rows.setdefault((scenario, name), []).append(done.result())
+            bar.update()
+    scores: dict[str, dict[str, dict[str, Array]]] = {}
+    for (scenario, name), own in rows.items():
+        found = {key: np.array([[row[key] for row in each] for each in own]) for key in own[0][0]}
+        scores.setdefault(scenario, {})[name] = found
+    return scores
+
+
+def _one_thread() -> None:
+    import torch
+
+    torch.set_num_threads(1)
+
+
+def _rows(member: str, scenario: Scenario, seeds: Sequence[int]) -> list[dict[str, float]]:
+    """The measures of one policy's episodes."""
+    policy = load(member)
+    return [row for batch in batches(seeds, 200) for row in fly(policy, scenario, batch).metrics.rows()]
+
+
+def decision_time(policy: Policy, calls: int = 300) -> float:
+    """Microseconds that one policy takes for one decision on one observation, by the median call."""
+    scenario = Scenario.named("Random")
+    predictor = policy.make(scenario)
+    observation, state, times = np.zeros((1, SIZE), dtype=np.float32), None, []
+    for _ in range(calls):
+        begun = time.perf_counter()
+        _, state = predictor.predict(
+            observation, state=state, episode_start=np.zeros(1, dtype=bool), deterministic=True
+        )
+        times.append(time.perf_counter() - begun)
+    return 1e6 * float(np.median(times))

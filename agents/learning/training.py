@@ -1,0 +1,523 @@
+"""A training run: environments, algorithm, evaluations, checkpoints, and the folder that tells all about it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
+from stable_baselines3.common.utils import set_random_seed
+
+from uwoc_gym.agents.errors import CommandError, naming
+from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.learning import checkpoints, environments
+from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
+from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.settings import constructor_arguments, written
+from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.registry import POLICIES
+from uwoc_gym.agents.reports import figures, files, tables
+from uwoc_gym.baselines import Controller
+from uwoc_gym.baselines.policy import Policy
+
+BASELINES = ("pd", "nlpd", "nlpd-tuned")
+"""The controllers whose scores stand in the learning curve."""
+
+
+def begun(folder: Path) -> bool:
+    """Whether a folder holds a training run."""
+    return (folder / "run.json").is_file()
+
+
+def finished(folder: Path) -> bool:
+    """Whether the run in a folder has come to its end."""
+    try:
+        return bool(json.loads((folder / "results.json").read_text(encoding="utf-8"))["finished"])
+    except (OSError, ValueError, KeyError):
+        return False
+
+
+def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads: int = 1, bar: bool = True) -> Run:
+    """Train to the end, or go on with what was stopped.
+
+    Args:
+        wish: What is asked for.
+        folder: Where the run keeps everything.
+        command: The command line, for the record.
+        resume: Whether to go on with the run that the folder holds, rather than to begin one.
+        threads: Threads of PyTorch.
+        bar: Whether to show progress.
+
+    Returns:
+        The run, finished.
+
+    Raises:
+        Interruption: The process was asked to stop; a checkpoint stands where it did.
+        CommandError: Something asked for isn't allowed, the folder holds a run or none, or a file can't be written.
+    """
+    # Networks this small gain nothing from more, and runs side by side get in each other's way.
+    torch.set_num_threads(threads)
+    recorded = None
+    if begun(folder):
+        if not resume:
+            raise CommandError(
+                f"--out {folder} holds a run already; give --resume to go on with it, or another folder."
+            )
+        with naming("--resume"):
+            recorded = recorded_plan(folder / "run.json")
+    elif resume:
+        raise CommandError(f"--resume: there is no run in {folder}; it has no run.json.")
+    plan = planned(wish, recorded)
+    if recorded is not None:
+        check_same(plan, recorded, folder)
+    files.output_folder(folder)
+    run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
+    if not run.progress.finished:
+        run.train(bar)
+    return run
+
+
+@dataclass
+class Progress:
+    """How far a run has come; part of every checkpoint."""
+
+    steps: int = 0
+    seconds: float = 0.0
+    """Wall time so far [s]."""
+    learning_seconds: float = 0.0
+    """The same without evaluations and checkpoints [s]."""
+    seeds_used: int = 0
+    """Training seeds in use, counted over the times the run was resumed."""
+    evaluations: list[dict[str, Any]] = field(default_factory=list)
+    best_steps: int | None = None
+    finished: bool = False
+
+    @property
+    def best(self) -> dict[str, Any] | None:
+        """The evaluation of the best model."""
+        return next((each for each in self.evaluations if each["steps"] == self.best_steps), None)
+
+
+class Interruption(Exception):
+    """The run was asked to stop, and has written a checkpoint."""
+
+    def __init__(self, number: int, steps: int) -> None:
+        super().__init__(f"interrupted at step {steps}")
+        self.status = 128 + number
+        self.steps = steps
+
+
+class Run:
+    """A training run in a folder.
+
+    Args:
+        plan: What it is to do.
+        folder: Where it keeps everything.
+        command: The command line, for the record.
+        resume: The checkpoint to go on from; None to begin.
+
+    Raises:
+        CommandError: The algorithm can't be made with these settings, or the checkpoint can't be read.
+    """
+
+    def __init__(self, plan: Plan, folder: Path, command: str, resume: Path | None = None) -> None:
+        self.plan = plan
+        self.folder = folder
+        self.command = command
+        self.progress = Progress()
+        self.kind = ALGORITHMS[plan.algorithm]
+        if resume is not None:
+            self.progress = Progress(**json.loads((resume / "progress.json").read_text(encoding="utf-8")))
+        self.baselines: dict[str, dict[str, Any]] = {}
+        values = plan.values
+        first = training_seed(plan.seed, self.progress.seeds_used)
+        self.progress.seeds_used += values["n_envs"]
+        base = environments.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
+        controller = Controller(plan.gains, plan.practice) if plan.gains is not None and plan.practice else None
+        statistics = str(resume / "vecnormalize.pkl") if resume is not None and values["normalize"] else None
+        env, self.monitor, self.statistics = environments.wrapped(
+            base, values, controller, plan.practice is not None, statistics
+        )
+        self.env = env
+        self.model = self._make(first) if resume is None else self._load(resume)
+        # What is resumed gets episodes and noise of its own, not those it has seen.
+        set_random_seed(first)
+        env.action_space.seed(first)
+        env.seed(first)
+        if resume is not None:
+            self._publish_best(resume)
+
+    def _make(self, seed: int) -> Any:
+        plan = self.plan
+        size = int(np.prod(self.env.action_space.shape or (1,)))
+        arguments = constructor_arguments(plan.algorithm, plan.values, size)
+        try:
+            return self.kind.load()(plan.values["policy"], self.env, seed=seed, device="cpu", **arguments)
+        except (TypeError, ValueError, AssertionError, NotImplementedError, RuntimeError) as error:
+            raise CommandError(f"{self.kind.name} can't be made with these settings: {error}") from error
+
+    def _load(self, path: Path) -> Any:
+        try:
+            model = self.kind.load().load(path / "last.zip", env=self.env, device="cpu")
+        except Exception as error:
+            raise CommandError(f"checkpoint {path} can't be read: {type(error).__name__}: {error}") from error
+        if (path / "replay.npz").is_file():
+            load_buffer(model.replay_buffer, path / "replay.npz")
+        return model
+
+    def agent(self) -> saved.Agent:
+        """The present policy, as it would fly after training."""
+        plan = self.plan
+        normalise = self.statistics.normalize_obs if self.statistics is not None else None
+        controller = Controller(plan.gains, plan.task) if plan.gains is not None and plan.task is not None else None
+        frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
+        return saved.Agent(self.model, normalise, frames, controller, scale)
+
+    def train(self, bar: bool = True) -> None:
+        """Train to the end of the budget, and leave everything in the folder.
+
+        Args:
+            bar: Whether to show progress.
+
+        Raises:
+            Interruption: The process was asked to stop; a checkpoint stands where it did.
+            CommandError: A file can't be written; the last checkpoint stays whole.
+        """
+        from tqdm import tqdm
+
+        total = self.plan.values["n_timesteps"]
+        begun = time.perf_counter()
+        self._write_identity()
+        logger = Logger(str(self.folder), [TensorBoardOutputFormat(str(self.folder / "tensorboard")), self._log()])
+        self.model.set_logger(logger)
+        try:
+            with (
+                tqdm(
+                    total=total,
+                    initial=self.progress.steps,
+                    unit="step",
+                    unit_scale=True,
+                    file=sys.stderr,
+                    disable=not bar,
+                ) as shown,
+                _signals() as asked,
+            ):
+                callback = _Watch(self, shown, asked, begun)
+                self._score_baselines()
+                if total > self.progress.steps:
+                    self.model.learn(
+                        total - self.progress.steps, callback, log_interval=None, reset_num_timesteps=False
+                    )
+                callback.finish()
+        finally:
+            with suppress(OSError):
+                logger.close()
+            self.env.close()
+
+    def _log(self) -> KVWriter:
+        return _LogFile(self.folder / "train.log")
+
+    def _write_identity(self) -> None:
+        import yaml
+
+        plan = self.plan
+        document = {"command": self.command, "versions": files.versions(), **plan.to_dict()}
+        if not (self.folder / "run.json").is_file():
+            files.write_json(self.folder / "run.json", document)
+        # Keyed as a settings file is, so that it can be trained with again.
+        text = yaml.safe_dump({plan.env_id.rpartition(":")[2]: written(plan.values)}, sort_keys=False)
+        files.write_text(self.folder / "settings.yaml", f"# {self.kind.name}; written by: {self.command}\n{text}")
+        described = saved.describe(plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, plan.gains)
+        files.write_json(self.folder / saved.DESCRIPTION, described)
+
+    def _score_baselines(self) -> None:
+        if self.plan.task is None:
+            return
+        seeds = VALIDATION[: self.plan.eval_episodes]
+        for name in BASELINES:
+            rows = fly(POLICIES[name], self.plan.task, seeds).metrics.rows()
+            self.baselines[name] = _scores(rows)
+
+    def evaluate(self) -> dict[str, Any]:
+        """Fly the validation seeds with the present policy; keep it if none was better."""
+        plan, steps = self.plan, self.model.num_timesteps
+        seeds = VALIDATION[: plan.eval_episodes]
+        if plan.task is not None:
+            policy = Policy("agent", "", lambda scenario: self.agent())
+            rows = fly(policy, plan.task, seeds).metrics.rows()
+        else:
+            rows = _fly_others(plan, self.model, self.statistics, seeds)
+        found = {"steps": steps, **_scores(rows)}
+        history = self.progress.evaluations
+        history[:] = [each for each in history if each["steps"] < steps] + [found]
+        best = self.progress.best
+        if best is None or found["return"]["mean"] > best["return"]["mean"] or best is found:
+            self.progress.best_steps = steps
+            self._save(self.folder, "model.zip", "vecnormalize.pkl")
+        return found
+
+    def _save(self, folder: Path, model: str, statistics: str) -> None:
+        """Save model and statistics, each whole or not at all."""
+        checkpoints.save_model(self.model, folder / model)
+        if self.statistics is not None:
+            with files.whole(folder / statistics) as part:
+                self.statistics.save(str(part))
+
+    def checkpoint(self) -> None:
+        """Write a checkpoint, and the files that tell of the run's progress.
+
+        Raises:
+            CommandError: It can't be written; the one before it stays.
+        """
+        checkpoints.write(self.folder, self._fill)
+        self._save(self.folder, "last.zip", "last.vecnormalize.pkl")
+        self.write_results()
+
+    def _fill(self, folder: Path) -> None:
+        self._save(folder, "last.zip", "vecnormalize.pkl")
+        if self.progress.best_steps is not None:
+            for name in ("model.zip", "vecnormalize.pkl"):
+                if (self.folder / name).is_file():
+                    files.copy(self.folder / name, folder / f"best.{name}")
+        if self.kind.off_policy:
+            save_buffer(self.model.replay_buffer, folder / "replay.npz")
+        files.write_json(folder / "progress.json", self.progress.__dict__)
+
+    def _publish_best(self, path: Path) -> None:
+        """Put the checkpoint's best model where users look for it: one saved after the checkpoint isn't known to it."""
+        for name in ("model.zip", "vecnormalize.pkl"):
+            (self.folder / name).unlink(missing_ok=True)
+            if (path / f"best.{name}").is_file():
+                files.copy(path / f"best.{name}", self.folder / name)
+
+    def write_results(self) -> None:
+        """Write results.json and draw the learning curve."""
+        plan, progress = self.plan, self.progress
+        document = {
+            "finished": progress.finished,
+            **plan.to_dict(),
+            "validation_seeds": [VALIDATION[0], VALIDATION[plan.eval_episodes - 1]],
+            "steps": progress.steps,
+            "wall_time_s": round(progress.seconds, 1),
+            "steps_per_s": round(progress.steps / max(progress.learning_seconds, 1e-9)),
+            "best": progress.best,
+            "baselines": self.baselines,
+            "evaluations": progress.evaluations,
+        }
+        scenarios = {"evaluation": plan.task, "training": plan.practice}
+        files.write_results(self.folder, self.command, scenarios, document)
+        title = f"{self.kind.name} on {plan.name}, seed {plan.seed}"
+        figures.learning_curve(self.folder / "curve.png", title, progress.evaluations, self.baselines)
+
+
+class _Watch(BaseCallback):
+    """Shows progress, evaluates and writes checkpoints where all data collected so far has been learned from."""
+
+    def __init__(self, run: Run, bar: Any, asked: list[int], begun: float) -> None:
+        super().__init__()
+        self._run = run
+        self._bar = bar
+        self._asked = asked
+        self._last = begun
+        self._before = (run.progress.seconds, run.progress.learning_seconds)
+        self._clean_steps = run.progress.steps
+        plan, done = run.plan, run.progress.steps
+        evaluated = run.progress.evaluations
+        # One that was due when the run stopped is made up.
+        self._next_evaluation = _after(evaluated[-1]["steps"], plan.eval_every) if evaluated else done
+        self._next_checkpoint = _after(done, plan.checkpoint_every)
+        self._shown = 0.0
+
+    def _on_rollout_start(self) -> None:
+        run = self._run
+        self._clean_steps = self.model.num_timesteps
+        self._count(learning=True)
+        if self._asked:
+            self._stop()
+        due = self._clean_steps >= self._next_evaluation
+        if due:
+            self._evaluate()
+            self._next_evaluation = _after(self._clean_steps, run.plan.eval_every)
+        if due or self._clean_steps >= self._next_checkpoint:
+            run.checkpoint()
+            self._next_checkpoint = _after(self._clean_steps, run.plan.checkpoint_every)
+        self._count(learning=False)
+
+    def _on_step(self) -> bool:
+        run, now = self._run, time.perf_counter()
+        self._bar.update(self.model.num_timesteps - self._bar.n)
+        if now - self._shown > 0.5:
+            self._shown = now
+            self._bar.set_postfix_str(self._text(), refresh=False)
+        if self._asked:
+            # This step is counted but not yet stored.
+            self.model.num_timesteps -= run.env.num_envs
+            self._stop()
+        return True
+
+    def _on_rollout_end(self) -> None:
+        monitor = self._run.monitor
+        if monitor.returns:
+            self.logger.record("rollout/return", float(np.mean(monitor.returns)))
+        if monitor.availabilities:
+            self.logger.record("rollout/availability", float(np.mean(monitor.availabilities)))
+
+    def _text(self) -> str:
+        monitor = self._run.monitor
+        parts = []
+        if monitor.returns:
+            parts.append(f"return {np.mean(monitor.returns):.1f}")
+        if monitor.availabilities:
+            parts.append(f"availability {np.mean(monitor.availabilities):.3f}")
+        return ", ".join(parts)
+
+    def _evaluate(self) -> None:
+        found = self._run.evaluate()
+        for key in ("return", "availability"):
+            if key in found and found[key]["mean"] is not None:
+                self.logger.record(f"eval/{key}", found[key]["mean"])
+        self.logger.record("time/steps_per_s", self._rate())
+        self.logger.dump(self.model.num_timesteps)
+
+    def _rate(self) -> float:
+        progress = self._run.progress
+        return progress.steps / max(progress.learning_seconds, 1e-9)
+
+    def _count(self, learning: bool) -> None:
+        now = time.perf_counter()
+        progress = self._run.progress
+        progress.steps = self._clean_steps
+        progress.seconds += now - self._last
+        if learning:
+            progress.learning_seconds += now - self._last
+        self._last = now
+
+    def _stop(self) -> None:
+        run = self._run
+        if not run.kind.off_policy:
+            # The rollout that was begun hasn't been learned from, and won't be.
+            self.model.num_timesteps = self._clean_steps
+        self._clean_steps = self.model.num_timesteps
+        self._count(learning=True)
+        run.checkpoint()
+        raise Interruption(self._asked[0], self._clean_steps)
+
+    def finish(self) -> None:
+        """Evaluate and keep what the run has come to."""
+        run = self._run
+        self.model = run.model
+        self._clean_steps = run.model.num_timesteps
+        self._count(learning=True)
+        if not run.progress.evaluations or run.progress.evaluations[-1]["steps"] != self._clean_steps:
+            self._evaluate()
+        self._count(learning=False)
+        run.progress.finished = True
+        run.checkpoint()
+        self._bar.update(self._clean_steps - self._bar.n)
+
+
+class _LogFile(KVWriter):
+    """A line per evaluation in a text file that is added to."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        now = time.strftime("%Y-%m-%d %H:%M:%S")
+        values = ", ".join(
+            f"{key} {value:.5g}" for key, value in sorted(key_values.items()) if isinstance(value, (int, float))
+        )
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(f"{now} step {step}: {values}\n")
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """A list that SIGINT or SIGTERM adds itself to; the second one stops at once."""
+    asked: list[int] = []
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    old = {}
+    # Outside the main thread Python lets nobody set handlers.
+    with suppress(ValueError):
+        old = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+
+
+def _after(steps: int, every: int) -> int:
+    """The next multiple of ``every`` above ``steps``."""
+    return (steps // every + 1) * every
+
+
+def _scores(rows: list[dict[str, float]]) -> dict[str, Any]:
+    """Mean and interval of each measure over episodes."""
+    found: dict[str, Any] = files.plain(tables.summaries(tables.columns(rows), 0))
+    return found
+
+
+def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[dict[str, float]]:
+    """Episodes of an environment that isn't ours, one at a time."""
+    rows = []
+    env = gym.make(plan.env_id, **plan.values["env_kwargs"])
+    for seed in seeds:
+        observation, _ = env.reset(seed=seed)
+        memory, stacked, total, begun, over = None, None, 0.0, np.ones(1, dtype=bool), False
+        while not over:
+            given = np.asarray(observation)[None]
+            if statistics is not None:
+                given = statistics.normalize_obs(given)
+            if plan.values["frame_stack"] > 1:
+                given = stacked = saved.stack(stacked, given, begun, plan.values["frame_stack"])
+            action, memory = model.predict(given, memory, begun, deterministic=True)
+            observation, reward, terminated, truncated, _ = env.step(action[0])
+            total, begun, over = total + float(reward), np.zeros(1, dtype=bool), terminated or truncated
+        rows.append({"return": total})
+    env.close()
+    return rows
+
+
+def _arrays(buffer: Any) -> dict[str, Any]:
+    return {
+        name: value
+        for name, value in vars(buffer).items()
+        if isinstance(value, np.ndarray) and value.shape[:1] == (buffer.buffer_size,)
+    }
+
+
+def save_buffer(buffer: Any, path: Path) -> None:
+    """Save the filled part of a replay buffer."""
+    filled = buffer.buffer_size if buffer.full else buffer.pos
+    # One more than filled: a buffer that saves memory keeps the next observation there.
+    parts = {name: value[: filled + 1] for name, value in _arrays(buffer).items()}
+    np.savez(path, pos=buffer.pos, full=buffer.full, **parts)
+
+
+def load_buffer(buffer: Any, path: Path) -> None:
+    with np.load(path) as saved:
+        for name, value in _arrays(buffer).items():
+            value[: len(saved[name])] = saved[name]
+        buffer.pos, buffer.full = int(saved["pos"]), bool(saved["full"])

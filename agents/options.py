@@ -1,0 +1,175 @@
+"""Options that several commands have, and checks of what they are given before any work begins."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+
+from uwoc_gym.agents.errors import CommandError, naming
+from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.scenarios import said
+from uwoc_gym.agents.viewing.episode import Episode
+from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.scenario import Scenario
+from uwoc_gym.spaces import SMALLEST_FRAME, check_render_size
+
+
+def whole(low: int) -> Callable[[str], int]:
+    """An argparse type: a whole number of at least ``low``."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if value < low:
+            raise argparse.ArgumentTypeError(f"{text!r} is not allowed; it must be a whole number of at least {low}.")
+        return value
+
+    return parse
+
+
+def _number(text: str, allowed: str, low: float, strictly: bool) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (low < value if strictly else low <= value) or not value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not allowed; it must be {allowed}.")
+    return value
+
+
+def seconds(text: str) -> float:
+    """An argparse type: a time above 0 [s]."""
+    return _number(text, "a number of seconds above 0", 0.0, True)
+
+
+def moment(text: str) -> float:
+    """An argparse type: a time of at least 0 [s]."""
+    return _number(text, "a number of seconds of at least 0", 0.0, False)
+
+
+def above_zero(text: str) -> float:
+    """An argparse type: a number above 0."""
+    return _number(text, "a number above 0", 0.0, True)
+
+
+def frame_size(text: str) -> tuple[int, int]:
+    """An argparse type: the width and height of a picture [px], as in 1280x720."""
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+        return check_render_size((width, height))
+    except ValueError:
+        least = "x".join(str(side) for side in SMALLEST_FRAME)
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not allowed; it must be a width and a height [px] of at least {least}, as in 1280x720."
+        ) from None
+
+
+def add_search_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that every search has."""
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
+    parser.add_argument(
+        "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
+    )
+
+
+def add_scenario_arguments(
+    parser: argparse.ArgumentParser, default: str | list[str] | None, prefix: str = "", many: bool = False
+) -> None:
+    """Add the options that say a scenario, or several.
+
+    Args:
+        parser: Gets them.
+        default: What is flown if nothing is said.
+        prefix: Goes before the help on ``--scenario``.
+        many: Whether there may be several, which all get the same changes.
+    """
+    usual = "all environment IDs" if many else default
+    parser.add_argument(
+        "--scenario",
+        nargs="+" if many else None,
+        default=default,
+        metavar="SCENARIO",
+        help=f"{prefix}a name, an environment ID or a .json file with a whole scenario, or with changes to the one "
+        f'that its "base" names{"" if default is None else f" (default: {usual})"}',
+    )
+    parser.add_argument(
+        "--override",
+        metavar="JSON",
+        help='changes to the scenario: a .json file or the text itself, such as \'{"episode": {"duration_s": 30}}\'',
+    )
+
+
+def scenario_of(args: argparse.Namespace) -> tuple[str, Scenario]:
+    """Short name and scenario that the options say.
+
+    Raises:
+        CommandError: They aren't allowed.
+    """
+    found = said(args.scenario, args.override)
+    return found.name, found.scenario
+
+
+def scenarios_of(args: argparse.Namespace) -> dict[str, Scenario]:
+    """The scenarios that the options say, by short name.
+
+    Raises:
+        CommandError: They aren't allowed, or two of one name differ.
+    """
+    scenarios: dict[str, Scenario] = {}
+    for given in args.scenario:
+        name, _, _, scenario = said(given, args.override)
+        if scenarios.get(name, scenario) != scenario:
+            raise CommandError(f"--scenario: two different scenarios are called {name!r}; rename one of the files.")
+        scenarios[name] = scenario
+    return scenarios
+
+
+def policies_of(names: Sequence[str]) -> list[Policy]:
+    """The policies that ``--policy`` names, each once.
+
+    Raises:
+        CommandError: There is no such policy, or it can't be loaded.
+    """
+    with naming("--policy"):
+        return [load(name) for name in dict.fromkeys(names)]
+
+
+def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) -> None:
+    """Add the options that say who flies what; ``policies`` fly by default."""
+    parser.add_argument(
+        "--policy",
+        nargs="+",
+        default=policies,
+        metavar="POLICY",
+        help="names, saved .zip files or module:callable (default: " + " ".join(policies) + ")",
+    )
+    add_scenario_arguments(parser, "StrongPulse")
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="the episode's seed (default: 0)")
+
+
+def add_file_arguments(parser: argparse.ArgumentParser, default: str, many: bool, what: str) -> None:
+    """Add the options about the file to write."""
+    parser.add_argument(
+        "--out",
+        nargs="+" if many else None,
+        default=[default] if many else default,
+        metavar="FILE",
+        help=f"{what} (default: {default})",
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+
+
+def episode_of(args: argparse.Namespace) -> Episode:
+    """The episode that the options name.
+
+    Raises:
+        CommandError: There is no such policy or scenario.
+    """
+    name, scenario = scenario_of(args)
+    return Episode(policies_of(args.policy), name, scenario, args.seed)

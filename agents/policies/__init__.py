@@ -1,0 +1,1 @@
+"""Policies by name, file or callable; saved agents; residuals."""

@@ -1,0 +1,93 @@
+"""Policies by name, file or callable."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.baselines.controllers import CONTROLLERS
+from uwoc_gym.baselines.policy import Policy, Predictor
+from uwoc_gym.parameters import closest
+from uwoc_gym.scenario import Scenario
+
+TRAINED = Path(__file__).parents[1] / "trained"
+"""The agents that come with the package: a folder each, with ``agent.json`` and ``model.zip``."""
+
+
+def shipped(folder: Path = TRAINED) -> dict[str, Policy]:
+    """The agents in a folder, by name; their models are only loaded when they are to fly."""
+    found = {}
+    for path in sorted(folder.glob(f"*/{saved.DESCRIPTION}")):
+        model = path.with_name("model.zip")
+        if model.is_file():
+            description = saved.read_description(path)
+            needs = (ALGORITHMS[description["algorithm"]].module,)
+            make = partial(saved.build, model)
+            found[path.parent.name] = Policy(path.parent.name, description["description"], make, needs=needs)
+    return found
+
+
+POLICIES: dict[str, Policy] = CONTROLLERS | shipped()
+"""The named policies: scripted controllers and shipped agents."""
+
+
+def load(name: str) -> Policy:
+    """The policy of that name, file or callable.
+
+    Args:
+        name: A name in `POLICIES`, the folder of a training run (its best model flies), the path of a zip file saved
+            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with the scenario and returns
+            an object with Stable-Baselines3's ``predict``. All but names run code: a saved file holds pickled
+            objects, so load only files that you trust. What ``agent.json`` beside a file says is rebuilt: frozen
+            normalisation, stacked frames, a controller that is corrected.
+
+    Raises:
+        CommandError: There is no such policy, or it can't be loaded.
+    """
+    if name in POLICIES:
+        return POLICIES[name]
+    path = Path(name)
+    if path.suffix == ".zip" or path.exists():
+        return saved.load(path)
+    if ":" in name:
+        return _callable(name)
+    raise CommandError(
+        f"there is no policy {name!r}; {closest(name, list(POLICIES))} A policy may also be the path of a saved "
+        ".zip file or module:callable."
+    )
+
+
+def _callable(name: str) -> Policy:
+    module_name, _, attribute = name.partition(":")
+    # Console scripts, unlike `python -m`, don't look in the working folder.
+    sys.path.insert(0, "")
+    try:
+        found: Any = importlib.import_module(module_name)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except Exception as error:
+        raise CommandError(f"policy {name!r} can't be imported: {type(error).__name__}: {error}") from None
+    finally:
+        sys.path.remove("")
+    if not callable(found):
+        raise CommandError(f"policy {name!r} is not callable; it must take a scenario and return a policy.")
+
+    def make(scenario: Scenario) -> Predictor:
+        try:
+            made: Any = found(scenario)
+        except Exception as error:
+            raise CommandError(f"policy {name!r} failed to be made: {type(error).__name__}: {error}") from error
+        if not callable(getattr(made, "predict", None)):
+            raise CommandError(
+                f"policy {name!r} returned a {type(made).__name__} without predict(); it must return an object with "
+                "the predict() of Stable-Baselines3."
+            )
+        return made  # type: ignore[no-any-return]
+
+    return Policy(name, "callable", make, deterministic=False)

@@ -1,0 +1,1 @@
+"""What was flown, written down: statistics, tables, documents, figures, files."""

@@ -1,0 +1,82 @@
+"""Policies compared over trainings and held-out seeds: the numbers of BENCHMARK.md, and its text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.agents.reports import statistics, tables
+
+Array = npt.NDArray[np.float64]
+
+REFERENCE = "nlpd-tuned"
+"""What every policy is compared with, episode by episode."""
+
+
+def compared(own: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:
+    """Each policy's measures, and how it stands against the reference."""
+    reference = own[REFERENCE]["return"]
+    found: dict[str, Any] = {}
+    for name, measures in own.items():
+        # The same resamples for every policy.
+        rng = np.random.default_rng(0)
+        returns = measures["return"]
+        difference = returns - reference
+        found[name] = {
+            "trainings": returns.shape[0],
+            "episodes": returns.shape[1],
+            "steps": float(np.max(measures["steps"])),
+            "return_iqm": statistics.estimate(returns, statistics.interquartile_mean, rng)._asdict(),
+            "return_worst": statistics.estimate(returns, statistics.worst_share, rng)._asdict(),
+            "difference": statistics.estimate(difference, statistics.mean, rng)._asdict(),
+            "improvement": statistics.estimate(difference, statistics.improvement, rng)._asdict(),
+            "measures": tables.summaries(measures, 0),
+        }
+    return found
+
+
+def markdown(command: str, results: Mapping[str, Any]) -> str:
+    """The benchmark as Markdown."""
+    parts = [
+        "# Benchmark",
+        f"Written by `{command}`. Every policy flies the same {results['held_out_seeds']} held-out seeds, "
+        "which no training, tuning or choice of a model has seen, on the same observations and actuators. IQM: "
+        "interquartile mean. In brackets: 95 % bootstrap intervals over training seeds and scenario seeds. Difference "
+        f"and probability of improvement: in return against `{REFERENCE}`, episode by episode. Worst: mean of the "
+        "worst 5 % of episodes. (m of n never): in m of n episodes, over all trainings, it doesn't come to that, as "
+        "when a link isn't restored; the mean is over the others. (k of n): the measure applies to k of n episodes; "
+        "–: to none. A scenario in which nothing is drawn is flown once by each policy.",
+    ]
+    for scenario, own in results["results"].items():
+        header = ["", *own]
+        first = ("trainings", "episodes")
+        lines = [[key, *(str(entry[key]) for entry in own.values())] for key in first]
+        for label, key, digits in (
+            ("return, IQM", "return_iqm", 1), ("return, worst", "return_worst", 1),
+            ("difference", "difference", 2), ("P(improvement)", "improvement", 3),
+        ):  # fmt: skip
+            lines.append([label, *(statistics.text(entry[key], digits) for entry in own.values())])
+        lines += tables.measure_lines(list(own.values()))
+        parts += [f"## {scenario}", tables.grid(header, lines)]
+    speeds = results["microseconds_a_decision"]
+    parts += [
+        "## A decision",
+        "Median time of one `predict` on one observation, on the machine that wrote this.",
+        tables.grid(["", *speeds], [["µs", *(f"{value:.0f}" for value in speeds.values())]]),
+        "## Trainings",
+    ]
+    lines = []
+    for group, entry in results["groups"].items():
+        runs = entry["trainings"]
+        minutes = np.array([each["wall_time_s"] for each in runs]) / 60.0
+        speed = np.array([each["steps_per_s"] for each in runs])
+        words = " ".join(["uwoc-gym train", *entry["arguments"]])
+        lines.append(
+            [group, f"`{words}`", str(len(runs)), f"{runs[0]['settings']['n_timesteps']:,}", f"{minutes.mean():.1f}",
+             f"{speed.mean():,.0f}"]
+        )  # fmt: skip
+    parts.append(tables.grid(["group", "command", "trainings", "steps", "minutes each", "steps/s"], lines))
+    return "\n\n".join(parts) + "\n"

@@ -1,0 +1,171 @@
+"""Files that are whole or not there, and the one that every command leaves: results.json."""
+
+from __future__ import annotations
+
+import csv
+import importlib.metadata
+import json
+import math
+import os
+import platform
+import shlex
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.scenario import Scenario
+
+
+def output_file(given: str, suffixes: tuple[str, ...], force: bool) -> Path:
+    """A file that may be written to, whose folder then exists.
+
+    Raises:
+        CommandError: It has another suffix, exists without ``force``, or can't be written to.
+    """
+    path = Path(given)
+    if path.suffix.lower() not in suffixes:
+        raise CommandError(f"--out {given}: the file's name must end in {' or '.join(suffixes)}.")
+    if path.is_dir():
+        raise CommandError(f"--out {given} is a folder; it must be a file.")
+    if path.exists() and not force:
+        raise CommandError(f"--out {given} already exists; give --force to overwrite it.")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+        if path.exists() and not os.access(path, os.W_OK):
+            raise PermissionError(None, "it is read-only")
+    except OSError as error:
+        raise CommandError(
+            f"--out {given}: {error.strerror or error}; it must be a file that can be written."
+        ) from None
+    return path
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A path to write to, which becomes ``path`` where the block ends without an error; else nothing is left of it."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def output_folder(path: str | Path) -> Path:
+    """Create a folder for results and make sure that files can be written to it.
+
+    Raises:
+        CommandError: They can't.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or error
+        raise CommandError(f"--out {folder}: {reason}; it must be a folder that can be written to.") from None
+    return folder
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results may depend on."""
+    found = {"python": platform.python_version()}
+    for package in ("uwoc-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch"):
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def command_line(argv: Sequence[str] | None) -> str:
+    """The command as it would be typed again."""
+    return shlex.join(["uwoc-gym", *(sys.argv[1:] if argv is None else argv)])
+
+
+def plain(value: Any) -> Any:
+    """JSON knows no numbers that aren't finite: they become null."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def copy(source: Path, target: Path) -> None:
+    """Copy a file whole or not at all."""
+    with whole(target) as part:
+        shutil.copyfile(source, part)
+
+
+def json_text(data: Mapping[str, Any]) -> str:
+    """The data as JSON, in which numbers that aren't finite are null."""
+    return json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_json(path: Path, data: Mapping[str, Any]) -> None:
+    """Write a JSON file whole or not at all."""
+    write_text(path, json_text(data))
+
+
+def write_results(
+    folder: Path, command: str, scenarios: Mapping[str, Scenario | None], document: Mapping[str, Any]
+) -> None:
+    """Write a command's ``results.json``, whole or not at all.
+
+    Args:
+        folder: Where it goes.
+        command: The command line that it comes from.
+        scenarios: The full scenarios that it speaks of, by name; it gets their digests, so that two of one name can't
+            be taken for each other. None for one that isn't this package's.
+        document: What else it says.
+    """
+    digests = {name: scenario.digest() for name, scenario in scenarios.items() if scenario is not None}
+    head = {"command": command, "versions": versions(), "scenarios": digests}
+    taken = head.keys() & document.keys()
+    assert not taken, taken
+    write_json(folder / "results.json", {**head, **document})
+
+
+class EpisodesFile:
+    """A CSV file with one row per episode, which keeps what has been appended whatever happens next."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: TextIO | None = None
+        self._writer: Any = None
+
+    def __enter__(self) -> Self:
+        self._file = self._path.open("w", newline="", encoding="utf-8")
+        self._writer = csv.writer(self._file)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def append(self, scenario: str, policy: str, seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
+        """Add finished episodes."""
+        assert self._file is not None
+        if self._file.tell() == 0 and rows:
+            self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
+        for seed, row in zip(seeds, rows, strict=True):
+            self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])
+        self._file.flush()

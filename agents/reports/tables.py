@@ -1,0 +1,158 @@
+"""Tables of what was flown: the measures of an episode, their summaries, and Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.agents.reports import statistics
+
+
+class Measure(NamedTuple):
+    """One measure of an episode and how a table shows it."""
+
+    key: str
+    heading: str
+    digits: int
+    nan_is_never: bool = False
+    """Whether nan says never rather than that the measure doesn't apply; infinity always does."""
+
+    def text(self, value: float) -> str:
+        """One episode's value as a table shows it."""
+        if math.isfinite(value):
+            return f"{value:.{self.digits}f}"
+        return "never" if statistics.says_never(value, self.nan_is_never) else "–"
+
+
+MEASURES = (
+    Measure("return", "return", 1),
+    Measure("arrival_time_s", "t_a [s]", 2, nan_is_never=True),
+    Measure("establishment_time_s", "t_b [s]", 2, nan_is_never=True),
+    Measure("restoring_time_s", "Δt [s]", 2),
+    Measure("rmse_x_m", "RMSE x [m]", 4),
+    Measure("rmse_y_m", "RMSE y [m]", 4),
+    Measure("rmse_yaw_rad", "RMSE yaw [rad]", 4),
+    Measure("availability", "availability", 4),
+    Measure("mean_log10_bit_rate", "mean log10 bit rate [bit/s]", 3),
+    Measure("delivered_gbit", "delivered [Gbit]", 1),
+    Measure("effort", "effort", 4),
+    Measure("lost", "episodes lost [share]", 3),
+)
+"""The rows of the table, by the keys of an episode's row."""
+
+
+def summaries(scores: Mapping[str, npt.ArrayLike], seed: int) -> dict[str, dict[str, Any]]:
+    """Each of `MEASURES` over episodes, by its key, as plain data.
+
+    Args:
+        scores: By measure, shape (R, S), training seeds by scenario seeds, or (S,); those without are left out.
+        seed: The same seed resamples alike.
+    """
+    rng = np.random.default_rng(seed)
+    return {
+        measure.key: statistics.summarise(scores[measure.key], rng, measure.nan_is_never)._asdict()
+        for measure in MEASURES
+        if measure.key in scores
+    }
+
+
+def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
+    """The measures of episodes by key."""
+    return {key: [row[key] for row in rows] for key in (rows[0] if rows else ())}
+
+
+class Result(NamedTuple):
+    """All episodes of one policy in one scenario."""
+
+    scenario: str
+    policy: str
+    rows: list[dict[str, float]]
+    collapsed: bool
+    """Whether one episode stands for all seeds, because they don't differ."""
+
+
+def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tuned") -> list[dict[str, Any]]:
+    """The results as plain data for JSON and `table`.
+
+    Args:
+        results: What was flown.
+        seed: Seed of the resampling.
+        reference: The policy that others are compared with, episode by episode, where it flew the same ones.
+    """
+    partners = {result.scenario: result for result in results if result.policy == reference}
+    return [
+        {
+            "scenario": result.scenario,
+            "policy": result.policy,
+            "episodes": len(result.rows),
+            "one_episode_stands_for_all_seeds": result.collapsed,
+            "measures": summaries(columns(result.rows), seed),
+            "return_worst": float(statistics.worst_share([row["return"] for row in result.rows])),
+            "against": _against(result, partners.get(result.scenario), seed),
+        }
+        for result in results
+    ]
+
+
+def _against(result: Result, partner: Result | None, seed: int) -> dict[str, Any] | None:
+    """Paired difference and probability of improvement in return; None without a partner for every episode."""
+    if partner is None or partner.policy == result.policy or len(partner.rows) != len(result.rows):
+        return None
+    differences = [a["return"] - b["return"] for a, b in zip(result.rows, partner.rows, strict=True)]
+    rng = np.random.default_rng(seed)
+    return {
+        "policy": partner.policy,
+        "difference": statistics.estimate(differences, statistics.mean, rng)._asdict(),
+        "improvement": statistics.estimate(differences, statistics.improvement, rng)._asdict(),
+    }
+
+
+def measure_lines(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """A line per measure, with a cell for each entry's ``measures``."""
+    return [
+        [measure.heading, *(statistics.text(entry["measures"][measure.key], measure.digits) for entry in entries)]
+        for measure in MEASURES
+    ]
+
+
+def table(data: Sequence[Mapping[str, Any]]) -> str:
+    """The results as Markdown: for each scenario a table with a row per measure and a column per policy."""
+    parts = []
+    for scenario in dict.fromkeys(entry["scenario"] for entry in data):
+        own = [entry for entry in data if entry["scenario"] == scenario]
+        header = ["", *(entry["policy"] for entry in own)]
+        lines = [["episodes", *(str(entry["episodes"]) for entry in own)]]
+        lines += measure_lines(own)
+        lines.insert(2, ["return, worst 5 %", *(f"{entry['return_worst']:.1f}" for entry in own)])
+        partner = next((entry["against"]["policy"] for entry in own if entry["against"]), None)
+        if partner is not None:
+            for label, key, digits in ((f"return − {partner}", "difference", 2), (f"P(> {partner})", "improvement", 3)):
+                cells = [statistics.text(entry["against"][key], digits) if entry["against"] else "" for entry in own]
+                lines.append([label, *cells])
+        text = f"### {scenario}\n\n{grid(header, lines)}\n"
+        if any(entry["one_episode_stands_for_all_seeds"] for entry in own):
+            text += (
+                "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
+            )
+        parts.append(text)
+    parts.append(
+        "Means over episodes with 95 % bootstrap intervals in brackets. t_a: arrival in the cone; t_b: inside for "
+        "good, or until the first disturbance; Δt: from leaving the cone after the first disturbance to being back "
+        "for good, 0 without an outage; RMSE: from arrival on; availability: share of time inside; effort: RMS of "
+        "force over limit. (m of n never): in m of n episodes it doesn't come to that; the mean is over the others. "
+        "(k of n): the measure applies to k of n episodes; –: to none. return − X: mean of the difference in return, "
+        "episode by episode; P(> X): probability that an episode's return is the higher one.\n"
+    )
+    return "\n".join(parts)
+
+
+def grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table with its columns lined up."""
+    widths = [max(len(line[i]) for line in [header, *lines]) for i in range(len(header))]
+    pad = [[f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)] for line in [header, *lines]]
+    rule = ["-" * width for width in widths]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [pad[0], rule, *pad[1:]])

@@ -1,0 +1,112 @@
+"""Saying a scenario: by name, environment ID or file, with changes to it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from uwoc_gym.agents.errors import CommandError, naming
+from uwoc_gym.parameters import SettingError, closest
+from uwoc_gym.registry import ENV_IDS
+from uwoc_gym.scenario import SCENARIOS, Scenario
+
+BASE = "base"
+"""The key by which a file names the scenario that it changes."""
+
+
+class Said(NamedTuple):
+    """A scenario as it was asked for."""
+
+    name: str
+    """The named scenario's, or the file's without its suffix."""
+    base: str | None
+    """The named scenario that is changed; None for a file that says everything."""
+    changes: tuple[dict[str, Any], ...]
+    """What was changed, one after the other."""
+    scenario: Scenario
+    """With the changes."""
+
+
+def said(scenario: str, override: str | None = None) -> Said:
+    """The scenario that options name.
+
+    Args:
+        scenario: A name, an environment ID or the path of a .json file: with every setting of the top level, or with
+            "base", the name of the scenario that the rest of it changes.
+        override: Further changes: a JSON object or the path of a .json file with one.
+
+    Raises:
+        CommandError: There is no such scenario, a file leaves out settings without a base, or a change isn't allowed.
+    """
+    with naming("--scenario"):
+        found = _read(scenario)
+    if override is None:
+        return found
+    with naming("--override"):
+        changes = json_object(override)
+        try:
+            changed = found.scenario.merged(changes)
+        except SettingError as error:
+            raise CommandError(str(error)) from None
+    return found._replace(changes=(*found.changes, *([changes] if changes else [])), scenario=changed)
+
+
+def named(name: str) -> Said | None:
+    """The scenario of that name or environment ID; None if there is none."""
+    short = ENV_IDS.get(name, name)
+    return Said(short, short, (), SCENARIOS[short]) if short in SCENARIOS else None
+
+
+def _read(given: str) -> Said:
+    found = named(given)
+    if found is not None:
+        return found
+    path = Path(given)
+    if path.suffix != ".json" and not path.is_file():
+        hint = closest(given, [*SCENARIOS, *ENV_IDS])
+        raise CommandError(f"there is no scenario {given!r}; {hint} A scenario may also be the path of a .json file.")
+    data = json_object(given, file=True)
+    try:
+        if BASE not in data:
+            missing = [key for key in Scenario().to_dict() if key not in data]
+            if missing and not data.keys() - Scenario.specs().keys():
+                raise CommandError(
+                    f'{given!r} leaves out {", ".join(missing)}; say by "{BASE}" which named scenario it changes, or '
+                    "give it as --override."
+                )
+            return Said(path.stem, None, (), Scenario.from_dict(data))
+        name = str(data.pop(BASE))
+        base = named(name)
+        if base is None:
+            raise CommandError(f"{given!r} has {BASE} = {name!r}, which is no scenario; {closest(name, [*SCENARIOS])}")
+        return Said(path.stem, base.base, (data,), base.scenario.merged(data))
+    except SettingError as error:
+        raise CommandError(f"scenario {given!r} is not allowed: {error}") from None
+
+
+def json_object(given: str, file: bool = False) -> dict[str, Any]:
+    """A JSON object from a text or a file.
+
+    Args:
+        given: The text itself if it begins with a brace, else the file's path.
+        file: Whether it is a path in any case.
+
+    Raises:
+        CommandError: The file can't be read, or it isn't a JSON object.
+    """
+    text = given
+    if file or not given.lstrip().startswith("{"):
+        try:
+            text = Path(given).read_text(encoding="utf-8")
+        except OSError as error:
+            raise CommandError(f"{given!r} can't be read: {error.strerror}.") from None
+        except UnicodeDecodeError as error:
+            raise CommandError(f"{given!r} can't be read: {error}.") from None
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise CommandError(f"{given!r} isn't valid JSON: {error}.") from None
+    if not isinstance(found, dict):
+        raise CommandError(f"{given!r} must be a JSON object.")
+    return found

@@ -1,0 +1,1 @@
+"""One episode to look at: live, as a video, as a page."""

@@ -1,0 +1,41 @@
+"""What a policy is: anything that decides on observations as a Stable-Baselines3 model does."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.scenario import Scenario
+
+
+class Predictor(Protocol):
+    """Anything that decides as a Stable-Baselines3 model does."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[npt.NDArray[np.float32], Any]:
+        """Actions (N, 3) for observations (N, 20), and the policy's memory."""
+        ...
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A policy that can be flown through any scenario."""
+
+    name: str
+    description: str
+    make: Callable[[Scenario], Predictor]
+    """Builds the policy for a scenario, of which it may use what its designer would know."""
+    deterministic: bool = True
+    """Whether the same observations always give the same actions."""
+    needs: tuple[str, ...] = ()
+    """Optional modules without which it can't fly."""
+
+    def installed(self) -> bool:
+        """Whether all that it needs is installed."""
+        return all(importlib.util.find_spec(module) is not None for module in self.needs)

@@ -1,0 +1,131 @@
+"""The protocol from end to end with short trainings, and what is shipped from it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stable_baselines3 import PPO, TD3
+
+from uwoc_gym import Scenario
+from uwoc_gym.agents.cli import main
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.learning import protocol
+from uwoc_gym.agents.learning.plans import Wish
+from uwoc_gym.agents.policies.registry import load, shipped
+from uwoc_gym.agents.reports import tables
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """Two groups of two short trainings each, flown through a short scenario."""
+    root = tmp_path_factory.mktemp("protocol")
+    scenario = root / "short.json"
+    scenario.write_text(Scenario.named("Random").merged({"episode": {"duration_s": 3.0}}).to_json())
+    groups = {
+        "ppo": Wish(algorithm="ppo", frame_stack=1, envs=4, set=("n_steps=16", "batch_size=32"), eval_episodes=2),
+        "td3": Wish(algorithm="td3", frame_stack=1, envs=2, eval_episodes=2),
+    }
+    words = ["protocol", "--groups", "ppo", "td3", "--training-seeds", "2", "--steps", "128", "--seeds", "6"]
+    words += ["--scenario", str(scenario), "--runs", str(root / "runs"), "--ship", str(root / "trained")]
+    with pytest.MonkeyPatch.context() as patch:
+        for name, wish in groups.items():
+            patch.setitem(protocol.GROUPS, name, protocol.Group(wish, 10, f"{name} in a test"))
+        assert main([*words, "--out", str(root / "out")]) == 0
+        stamps = {path: path.stat().st_mtime_ns for path in (root / "runs").glob("*/model.zip")}
+        assert main([*words, "--out", str(root / "again")]) == 0
+        assert stamps == {path: path.stat().st_mtime_ns for path in (root / "runs").glob("*/model.zip")}
+    return root
+
+
+def test_every_policy_is_compared_with_the_reference(flown):
+    results = json.loads((flown / "out/results.json").read_text())
+    own = results["results"]["short"]
+    assert set(own) == {"pd", "nlpd", "pd-tuned", "nlpd-tuned", "ppo", "td3"}
+    assert own["ppo"]["trainings"] == 2
+    assert own["ppo"]["episodes"] == 6
+    assert own["ppo"]["measures"]["arrival_time_s"]["episodes"] == 12
+    scenario = Scenario.from_json((flown / "short.json").read_text())
+    assert results["scenarios"] == {"short": scenario.digest()}
+    assert own["nlpd-tuned"]["difference"]["value"] == 0.0
+    assert own["ppo"]["difference"]["high"] < 0.0
+    scores = np.load(flown / "out/scores.npz")
+    expected = scores["short/ppo/return"] - scores["short/nlpd-tuned/return"]
+    assert own["ppo"]["difference"]["value"] == pytest.approx(expected.mean())
+    assert scores["short/ppo/return"].shape == (2, 6)
+
+
+def test_same_runs_give_the_same_numbers(flown):
+    one, two = (json.loads((flown / name / "results.json").read_text())["results"] for name in ("out", "again"))
+    assert one == two
+
+
+def test_text_and_figure(flown):
+    text = (flown / "out/BENCHMARK.md").read_text()
+    assert "## short" in text
+    for measure in tables.MEASURES:
+        assert f"| {measure.heading}" in text
+    assert "`uwoc-gym train --algorithm td3" in text
+    assert (flown / "out/profile-short.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_shipped_agents_decide_as_the_best_runs_and_load_with_plain_sb3(flown):
+    observations = np.random.default_rng(0).uniform(-1, 1, (5, 20)).astype(np.float32)
+    found = shipped(flown / "trained")
+    for name, kind in (("ppo", PPO), ("td3", TD3)):
+        scores = {}
+        for seed in range(2):
+            run = flown / f"runs/{name}-{seed}"
+            scores[run] = json.loads((run / "results.json").read_text())["best"]["return"]["mean"]
+        best = max(scores, key=scores.get)
+        expected, _ = load(str(best)).make(Scenario()).predict(observations, deterministic=True)
+        actions, _ = found[name].make(Scenario()).predict(observations, deterministic=True)
+        np.testing.assert_array_equal(actions, expected)
+        plain = kind.load(flown / f"trained/{name}/model.zip", device="cpu")
+        np.testing.assert_array_equal(plain.predict(observations, deterministic=True)[0], expected)
+        assert (flown / f"trained/{name}/model.zip").stat().st_size <= (best / "model.zip").stat().st_size
+
+
+def test_a_failed_training_is_named(tmp_path, capsys, monkeypatch):
+    broken = protocol.Group(Wish(algorithm="ppo", set=("n_stps=4",)), 1, "PPO")
+    monkeypatch.setitem(protocol.GROUPS, "ppo", broken)
+    words = ["protocol", "--groups", "ppo", "--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out")]
+    assert main(words) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "a training failed" in error
+    assert "ppo-0" in error
+    assert "did you mean 'n_steps'" in error
+
+
+def test_refuses_more_seeds_than_are_held_out(tmp_path, capsys):
+    assert main(["protocol", "--seeds", "201", "--runs", str(tmp_path), "--out", str(tmp_path)]) == 1
+    assert "there are 200 held-out seeds" in capsys.readouterr().err
+
+
+def _kill(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
+    wish = Wish(algorithm="ppo", envs=4, steps=128, set=("n_steps=16", "batch_size=32"), eval_episodes=2, seed=0)
+    job = protocol.Job(wish, tmp_path / "ppo-0")
+    with monkeypatch.context() as patch:
+        patch.setattr(protocol, "train_and_tell", _kill)
+        with pytest.raises(CommandError, match="ppo-0: its process ended with status -9"):
+            protocol.train_all([job], 1)
+    protocol.train_all([job], 1)
+    assert json.loads((job.folder / "results.json").read_text())["finished"]
+    with pytest.raises(CommandError, match="was begun with other settings"):
+        protocol.train_all([protocol.Job(replace(wish, set=()), job.folder)], 1)
+
+
+def test_groups_say_the_commands_of_the_benchmark():
+    text = (Path(protocol.__file__).parents[1] / "BENCHMARK.md").read_text(encoding="utf-8")
+    for name, group in protocol.GROUPS.items():
+        assert f"| {name} " in text
+        assert f"`{' '.join(['uwoc-gym train', *group.wish.words()])}`" in text

@@ -1,0 +1,49 @@
+"""Files that are whole or not there."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import uwoc_gym.agents
+from uwoc_gym import Scenario
+from uwoc_gym.agents.reports import files
+
+
+def test_only_one_function_writes_results() -> None:
+    # It asks for the scenarios, so that none is spoken of without its digest.
+    sources = Path(uwoc_gym.agents.__file__).parent.rglob("*.py")
+    writers = [path.name for path in sources if re.search(r"write_\w+\([^)]*results\.json", path.read_text("utf-8"))]
+    assert writers == ["files.py"]
+
+
+def test_a_file_is_whole_or_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "file.txt"
+    files.write_text(path, "old")
+
+    def fail() -> None:
+        with files.whole(path) as part:
+            part.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert path.read_text() == "old"
+    with files.whole(path) as part:
+        part.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_results_name_their_scenarios_by_digest(tmp_path: Path) -> None:
+    short = Scenario.named("Random").merged({"episode": {"duration_s": 5.0}})
+    files.write_results(tmp_path, "uwoc-gym x", {"Random": short, "CartPole-v1": None}, {"score": float("nan")})
+    found = json.loads((tmp_path / "results.json").read_text())
+    assert found["scenarios"] == {"Random": short.digest()} != {"Random": Scenario.named("Random").digest()}
+    assert found["command"] == "uwoc-gym x"
+    assert found["versions"]["numba"]
+    assert found["score"] is None
