@@ -31,4 +31,4 @@ def load(name_or_path: str, scenario: str | Scenario = "Nominal") -> Predictor:
     from uwoc_gym.agents.policies import registry
     from uwoc_gym.scenario import as_scenario
 
-    return registry.load(str(name_or_path)).make(as_scenario(scenario))
+    return registry.load(str(name_or_path)).pilot(as_scenario(scenario))

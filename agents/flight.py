@@ -13,37 +13,16 @@ import numpy.typing as npt
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
-from uwoc_gym.parameters import Parameters, Range
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.ship import RandomPath
 from uwoc_gym.spaces import ACTION_SIZE
 from uwoc_gym.vector_env import TrackingVectorEnv
 
 Array = npt.NDArray[np.float64]
 
 
-def draws(scenario: Scenario) -> bool:
-    """Whether episodes of the scenario differ from seed to seed."""
-    noise = [scenario.sea.current.std_mps, *(value for _, value in scenario.sensors.numbers())]
-    return (
-        _has_range(scenario)
-        or len(scenario.ship_paths) > 1
-        or any(isinstance(path, RandomPath) for path in scenario.ship_paths)
-        or any(value != 0.0 for value in noise)
-    )
-
-
 def flown_seeds(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Sequence[int]:
     """The seeds that differ: the first alone where neither the scenario nor the policy has anything random."""
-    return seeds[:1] if policy.deterministic and not draws(scenario) else seeds
-
-
-def _has_range(value: Any) -> bool:
-    if isinstance(value, Range):
-        return True
-    if isinstance(value, Parameters):
-        return any(_has_range(getattr(value, name)) for name in value.specs())
-    return isinstance(value, tuple) and any(_has_range(item) for item in value)
+    return seeds[:1] if policy.deterministic and not scenario.draws else seeds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +86,7 @@ def fly(
         CommandError: The policy gives actions of another shape or that aren't finite.
     """
     size, steps = len(seeds), scenario.episode.steps
-    predictor = policy.make(scenario)
+    predictor = policy.pilot(scenario)
     # After its end a simulation begins anew, which is ignored: the others still need their steps.
     env = TrackingVectorEnv(size, scenario)
     observations, _ = env.reset(seed=list(seeds), options={"parameters": parameters})

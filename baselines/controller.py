@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
-from uwoc_gym.observation import SIZE, Measured, unpack
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario, as_scenario
+from uwoc_gym.task.observation import SIZE, Measured, unpack
 
 Array = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from uwoc_gym.baselines.controller import gain
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.vehicle import Vehicle
+from uwoc_gym.world.auv.horizontal import Vehicle
 
 Array = npt.NDArray[np.float64]
 

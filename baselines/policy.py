@@ -30,11 +30,15 @@ class Policy:
     name: str
     description: str
     make: Callable[[Scenario], Predictor]
-    """Builds the policy for a scenario, of which it may use what its designer would know."""
+    """Builds the policy from what its maker knows of a scenario (`Scenario.known`)."""
     deterministic: bool = True
     """Whether the same observations always give the same actions."""
     needs: tuple[str, ...] = ()
     """Optional modules without which it can't fly."""
+
+    def pilot(self, scenario: Scenario) -> Predictor:
+        """The policy for a scenario, made without knowing what the scenario draws or does to it."""
+        return self.make(scenario.known())
 
     def installed(self) -> bool:
         """Whether all that it needs is installed."""

@@ -13,7 +13,14 @@ PACKAGES = {"uwoc_gym": "uwoc_gym", "baselines": "uwoc_gym.baselines", "agents":
 """Folder and name of each package."""
 
 FLOORS = (
-    ("uwoc_gym",),
+    ("uwoc_gym.parameters", "uwoc_gym.compute"),
+    ("uwoc_gym.world", "uwoc_gym.task"),
+    ("uwoc_gym.scenario",),
+    ("uwoc_gym.scenarios",),
+    ("uwoc_gym.sim", "uwoc_gym.metrics"),
+    ("uwoc_gym.spaces", "uwoc_gym.registry"),
+    ("uwoc_gym.env", "uwoc_gym.vector_env", "uwoc_gym.rendering"),
+    ("uwoc_gym.sb3", "uwoc_gym"),
     ("uwoc_gym.baselines",),
     ("uwoc_gym.agents.errors",),
     ("uwoc_gym.agents.scenarios",),
@@ -63,9 +70,7 @@ def _room(module: str) -> tuple[int, str]:
         (len(room), floor, room)
         for floor, rooms in enumerate(FLOORS)
         for room in rooms
-        if module == room
-        or (module.startswith(f"{room}.") and room not in packages)
-        or (room == "uwoc_gym" and not module.startswith("uwoc_gym.agents"))
+        if module == room or (module.startswith(f"{room}.") and room not in packages)
     ]
     assert fitting, f"{module} stands in no room"
     _, floor, room = max(fitting)

@@ -8,7 +8,6 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.observation import SIZE
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import MEASURE_NAMES
 from uwoc_gym.spaces import (
@@ -25,6 +24,7 @@ from uwoc_gym.spaces import (
     import_rendering,
     observation_space,
 )
+from uwoc_gym.task.observation import SIZE
 
 Observation = npt.NDArray[np.float32]
 
@@ -60,7 +60,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     ## Observation Space
 
     `Box((20,), float32)`: what the sensors say, noise included, in the AUV's body frame. An entry times its scale is
-    the value in its unit; `uwoc_gym.observation.unpack` does that. "Ahead" is along surge, "starboard" along sway.
+    the value in its unit; `uwoc_gym.task.observation.unpack` does that. "Ahead" is along surge, "starboard" along sway.
 
     | Num | Observation                                  | Min | Max | Unit    | Scale |
     |-----|----------------------------------------------|-----|-----|---------|-------|

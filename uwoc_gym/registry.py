@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gymnasium as gym
 
-from uwoc_gym.scenario import SCENARIOS
+from uwoc_gym.scenarios import SCENARIOS
 
 ENV_IDS: dict[str, str] = {f"uwoc/{name}-v0": name for name in SCENARIOS}
 """Scenario name by environment ID."""

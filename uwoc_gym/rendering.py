@@ -22,9 +22,9 @@ with warnings.catch_warnings():
     import pygame
     import pygame.gfxdraw
 
-from uwoc_gym.pulses import DrawnPulse, drawn_pulses
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import FRAME, check_render_size
+from uwoc_gym.world.sea.pulses import DrawnPulse, drawn_pulses
 
 Array = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.uint8]

@@ -4,32 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from uwoc_gym.current import Current
-from uwoc_gym.ending import EpisodeSettings
-from uwoc_gym.link import OpticalLink
-from uwoc_gym.observation import ObservationSettings
 from uwoc_gym.parameters import Number, Parameters, SettingError, child, closest, number
-from uwoc_gym.pulses import Pulse
-from uwoc_gym.reward import RewardSettings
-from uwoc_gym.sea import Sea
-from uwoc_gym.sensors import Sensors
-from uwoc_gym.ship import (
+from uwoc_gym.task.ending import EpisodeSettings
+from uwoc_gym.task.observation import ObservationSettings
+from uwoc_gym.task.reward import RewardSettings
+from uwoc_gym.world.auv.horizontal import Vehicle
+from uwoc_gym.world.auv.sensors import Sensors
+from uwoc_gym.world.auv.start import Start
+from uwoc_gym.world.optics.link import OpticalLink
+from uwoc_gym.world.sea import Sea
+from uwoc_gym.world.ship.paths import (
     SHIP_PATHS,
     CarriedOnPath,
-    CirclePath,
-    LawnMowerPath,
     PaperPath,
     RandomPath,
     ShipPath,
-    StraightPath,
 )
-from uwoc_gym.start import Start
-from uwoc_gym.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +71,17 @@ class Scenario(Parameters):
     def ship_paths(self) -> tuple[ShipPath, ...]:
         """The alternatives that an episode's path is drawn from."""
         return self.ship if isinstance(self.ship, tuple) else (self.ship,)
+
+    @property
+    def draws(self) -> bool:
+        """Whether episodes differ from seed to seed."""
+        noise = [self.sea.current.std_mps, *(value for _, value in self.sensors.numbers())]
+        return (
+            self != self.midpoint()
+            or len(self.ship_paths) > 1
+            or any(isinstance(path, RandomPath) for path in self.ship_paths)
+            or any(value != 0.0 for value in noise)
+        )
 
     @classmethod
     def named(cls, name: str) -> Scenario:
@@ -149,83 +154,20 @@ def as_scenario(value: str | Scenario | Mapping[str, Any], base: Scenario | None
     return (base or Scenario()).merged(value)
 
 
-_PULSE = Sea(pulses=(Pulse(),))
+SCENARIOS: dict[str, Scenario] = {}
+"""The named scenarios, which the modules of `uwoc_gym.scenarios` put here."""
 
-# What `uwoc-gym calibrate case-1` and `case-2` found. White noise means little without its sampling time, which is the
-# paper's; the first minute holds all that the tables can be about.
-_AS_SAMPLED = EpisodeSettings(duration_s=60.0, control_period_s=0.005)
-_FOUND_PULSE_I = Sea(pulses=(Pulse(force_x_n=540.2, force_y_n=100.5, moment_nm=428.1),))
-_FOUND_NOISE_I = Sensors(position_std_m=0.5488, yaw_std_rad=0.9865, velocity_std_mps=0.3543, yaw_rate_std_rad_s=0.3023)
-_FOUND_PULSE_II = Sea(pulses=(Pulse(force_x_n=573.0, force_y_n=279.6, moment_nm=389.3),))
-_FOUND_NOISE_II = Sensors(position_std_m=0.5122, yaw_std_rad=0.9889, velocity_std_mps=0.8117, yaw_rate_std_rad_s=0.4409)
+DESCRIPTIONS: dict[str, str] = {}
+"""What each named scenario is, in a line."""
 
-SCENARIOS: dict[str, Scenario] = {
-    "Nominal": Scenario(),
-    "CurrentPulse": Scenario(sea=_PULSE),
-    "MassError": Scenario(sea=_PULSE, vehicle=Vehicle(mass_scale=1.2)),
-    "StrongPulse": Scenario(sea=Sea(pulses=(Pulse(force_x_n=1500.0, force_y_n=1500.0, moment_nm=1500.0),))),
-    "PaperCaseI": Scenario(sea=_FOUND_PULSE_I, sensors=_FOUND_NOISE_I, episode=_AS_SAMPLED),
-    "PaperCaseII": Scenario(
-        vehicle=Vehicle(mass_scale=1.2), sea=_FOUND_PULSE_II, sensors=_FOUND_NOISE_II, episode=_AS_SAMPLED
-    ),
-    "Random": Scenario(
-        vehicle=Vehicle(mass_scale=(0.8, 1.2), damping_scale=(0.8, 1.2)),
-        ship=(
-            RandomPath(speed_mps=(0.4, 1.0), wander=(0.2, 0.7)),
-            PaperPath(radius_m=(6.0, 12.0), rate_rad_s=(-0.1, 0.1), swing_rad=(-math.pi / 2, math.pi / 2)),
-            CirclePath(radius_m=(6.0, 15.0), speed_mps=(0.3, 1.0), turn="starboard"),
-            CirclePath(radius_m=(6.0, 15.0), speed_mps=(0.3, 1.0), turn="port"),
-            StraightPath(course_rad=(-math.pi, math.pi), speed_mps=(0.0, 1.0)),
-            LawnMowerPath(
-                course_rad=(-math.pi, math.pi),
-                leg_length_m=(8.0, 20.0),
-                spacing_m=(6.0, 10.0),
-                speed_mps=(0.3, 0.8),
-            ),
-        ),
-        sea=Sea(
-            pulses=(
-                Pulse(
-                    start_s=(5.0, 30.0),
-                    duration_s=(0.5, 2.0),
-                    force_x_n=(-1000.0, 1000.0),
-                    force_y_n=(-1000.0, 1000.0),
-                    moment_nm=(-350.0, 350.0),
-                ),
-                Pulse(
-                    start_s=(30.0, 55.0),
-                    duration_s=(0.5, 2.0),
-                    force_x_n=(-1000.0, 1000.0),
-                    force_y_n=(-1000.0, 1000.0),
-                    moment_nm=(-350.0, 350.0),
-                    frame="earth",
-                ),
-            ),
-            current=Current(
-                speed_mps=(0.0, 0.3),
-                direction_rad=(-math.pi, math.pi),
-                std_mps=(0.0, 0.1),
-                correlation_time_s=(20.0, 60.0),
-            ),
-        ),
-        sensors=Sensors(
-            position_std_m=(0.0, 0.05),
-            yaw_std_rad=(0.0, 0.02),
-            velocity_std_mps=(0.0, 0.02),
-            yaw_rate_std_rad_s=(0.0, 0.01),
-        ),
-        start=Start(
-            x_m=(-6.0, 6.0),
-            y_m=(-6.0, 6.0),
-            yaw_rad=(-math.pi, math.pi),
-            surge_mps=(-0.5, 0.5),
-            sway_mps=(-0.5, 0.5),
-            yaw_rate_rad_s=(-0.2, 0.2),
-            relative_to_ship=True,
-        ),
-        episode=EpisodeSettings(duration_s=60.0),
-    ),
-}
-"""The named scenarios: the paper's nominal run, Case I and Case II as printed; Case I with a stronger pulse; both cases
-with the pulse and the noise that `uwoc-gym calibrate` found to explain their tables, for actions every 0.005 s; and one
-that draws everything."""
+
+def name_scenario(name: str, description: str, scenario: Scenario) -> None:
+    """Put a scenario among the named ones.
+
+    Raises:
+        SettingError: Another scenario has that name.
+    """
+    if name in SCENARIOS and SCENARIOS[name] != scenario:
+        raise SettingError(f"There is another scenario called {name!r}; choose another name.")
+    SCENARIOS[name] = scenario
+    DESCRIPTIONS[name] = description

@@ -15,10 +15,10 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled
 
-from uwoc_gym.action import SIZE as ACTION_SIZE
-from uwoc_gym.observation import ENTRIES
 from uwoc_gym.scenario import Scenario, as_scenario
 from uwoc_gym.sim.layout import INFO_NAMES
+from uwoc_gym.task.action import SIZE as ACTION_SIZE
+from uwoc_gym.task.observation import ENTRIES
 
 __all__ = ["ACTION_SIZE", "INFO_NAMES"]
 
@@ -37,7 +37,7 @@ def action_space() -> VectorSpace:
 
 
 def observation_space() -> VectorSpace:
-    """The observation vector of `uwoc_gym.observation`."""
+    """The observation vector of `uwoc_gym.task.observation`."""
     low = np.array([entry.low for entry in ENTRIES], dtype=np.float32)
     high = np.array([entry.high for entry in ENTRIES], dtype=np.float32)
     return cast(VectorSpace, spaces.Box(low, high, dtype=np.float32))

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from uwoc_gym.observation import SIZE
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
 from uwoc_gym.spaces import (
@@ -28,6 +27,7 @@ from uwoc_gym.spaces import (
     import_rendering,
     observation_space,
 )
+from uwoc_gym.task.observation import SIZE
 
 Observations = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]

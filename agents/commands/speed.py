@@ -17,13 +17,13 @@ from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.options import seconds, whole
 from uwoc_gym.agents.reports import files, tables
 from uwoc_gym.baselines import NLPDController
-from uwoc_gym.observation import SIZE
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import SCENARIOS
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
 from uwoc_gym.sim.paper import step_one
 from uwoc_gym.spaces import ACTION_SIZE
+from uwoc_gym.task.observation import SIZE
 
 HELP = "measure steps per second against Gymnasium's CartPole-v1"
 EXAMPLES = """\

@@ -16,11 +16,11 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.policies.residual import check_actions, checked_scale, corrected
 from uwoc_gym.baselines import Controller
-from uwoc_gym.observation import LINK_IN_CONE
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.sb3 import TrackingVecEnv
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import action_space
+from uwoc_gym.task.observation import LINK_IN_CONE
 
 
 class ResidualVecEnv(VecEnvWrapper):

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.flight import batches, draws, fly
+from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints
 from uwoc_gym.agents.learning.plans import Job, Wish, planned, recorded_plan
 from uwoc_gym.agents.policies import saved
@@ -25,8 +25,8 @@ from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
 from uwoc_gym.baselines.policy import Policy
-from uwoc_gym.observation import SIZE
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.task.observation import SIZE
 
 Array = npt.NDArray[np.float64]
 
@@ -204,7 +204,7 @@ def fly_all(
     from tqdm import tqdm
 
     flights = [
-        (scenario_name, name, member, seeds if draws(scenario) else seeds[:1])
+        (scenario_name, name, member, seeds if scenario.draws else seeds[:1])
         for scenario_name, scenario in scenarios.items()
         for name, members in policies.items()
         for member in members
@@ -242,7 +242,7 @@ def _rows(member: str, scenario: Scenario, seeds: Sequence[int]) -> list[dict[st
 def decision_time(policy: Policy, calls: int = 300) -> float:
     """Microseconds that one policy takes for one decision on one observation, by the median call."""
     scenario = Scenario.named("Random")
-    predictor = policy.make(scenario)
+    predictor = policy.pilot(scenario)
     observation, state, times = np.zeros((1, SIZE), dtype=np.float32), None, []
     for _ in range(calls):
         begun = time.perf_counter()

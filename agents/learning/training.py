@@ -146,7 +146,7 @@ class Run:
         first = training_seed(plan.seed, self.progress.seeds_used)
         self.progress.seeds_used += values["n_envs"]
         base = environments.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
-        controller = Controller(plan.gains, plan.practice) if plan.gains is not None and plan.practice else None
+        controller = Controller(plan.gains, plan.practice.known()) if plan.gains is not None and plan.practice else None
         statistics = str(resume / "vecnormalize.pkl") if resume is not None and values["normalize"] else None
         env, self.monitor, self.statistics = environments.wrapped(
             base, values, controller, plan.practice is not None, statistics
@@ -182,7 +182,9 @@ class Run:
         """The present policy, as it would fly after training."""
         plan = self.plan
         normalise = self.statistics.normalize_obs if self.statistics is not None else None
-        controller = Controller(plan.gains, plan.task) if plan.gains is not None and plan.task is not None else None
+        controller = (
+            Controller(plan.gains, plan.task.known()) if plan.gains is not None and plan.task is not None else None
+        )
         frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
         return saved.Agent(self.model, normalise, frames, controller, scale)
 

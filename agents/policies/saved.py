@@ -23,10 +23,10 @@ from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.residual import checked_scale, corrected
 from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.baselines.policy import Policy
-from uwoc_gym.observation import ENTRIES, SIZE
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import ACTION_SIZE
+from uwoc_gym.task.observation import ENTRIES, SIZE
 
 DESCRIPTION = "agent.json"
 FORMAT = 1

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from uwoc_gym.agents.reports import figures
 from uwoc_gym.agents.reports.figures import CONE, LIMIT, style
 from uwoc_gym.baselines.paper import PUBLISHED
-from uwoc_gym.link import OpticalLink
+from uwoc_gym.world.optics.link import OpticalLink
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,9 +20,9 @@ from uwoc_gym.agents.reports.paper_figures import Track
 from uwoc_gym.baselines import Gains, gains, paper
 from uwoc_gym.baselines.controllers import one_for_each
 from uwoc_gym.baselines.paper import CALIBRATED, IMPROVEMENT, PUBLISHED, SAMPLING_TIME_S, SCENARIOS, Row
-from uwoc_gym.link import OpticalLink
 from uwoc_gym.metrics import rmse, since_arrival, tracking_error
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.world.optics.link import OpticalLink
 
 Array = npt.NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from uwoc_gym.agents.flight import Flight
 from uwoc_gym.agents.reports.tables import MEASURES
 from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.env import TrackingEnv
-from uwoc_gym.link import Cone
-from uwoc_gym.pulses import drawn_pulses
+from uwoc_gym.world.optics.link import Cone
+from uwoc_gym.world.sea.pulses import drawn_pulses
 
 _PERIOD_S = 0.1
 """Time between the samples that the page holds, or the control period where that is longer [s]."""

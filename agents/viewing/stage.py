@@ -24,7 +24,7 @@ class Pilot:
 
     def __init__(self, policy: Policy, scenario: Scenario, size: tuple[int, int], accent: Colour) -> None:
         self._policy = policy
-        self._predictor = policy.make(scenario)
+        self._predictor = policy.pilot(scenario)
         self.env = TrackingEnv(scenario=scenario)
         self._memory: Any = None
         self._begun = True

@@ -34,3 +34,17 @@ def test_actions_of_another_shape_are_refused() -> None:
 
     with pytest.raises(CommandError, match=r"shape \(3,\)"):
         fly(Policy("wrong", "", lambda scenario: Wrong()), SHORT, [0, 1])
+
+
+def test_a_policy_is_made_from_what_is_known_and_not_from_the_truth(still: Any) -> None:
+    told = []
+
+    def make(scenario: Scenario) -> Any:
+        told.append(scenario)
+        return still
+
+    truth = SHORT.merged({"vehicle": {"mass_scale": 1.2}})
+    fly(Policy("curious", "", make), truth, [0, 1])
+    assert told == [truth.known()]
+    assert told[0].vehicle.mass_scale == 1.0
+    assert not told[0].sea.pulses

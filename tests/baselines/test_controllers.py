@@ -13,9 +13,9 @@ from uwoc_gym import Scenario, SettingError
 from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
 from uwoc_gym.baselines.controller import gain
 from uwoc_gym.baselines.controllers import CONTROLLERS
-from uwoc_gym.observation import SIZE, scales
 from uwoc_gym.sim.fleet import Fleet
 from uwoc_gym.sim.layout import OUT_ROWS
+from uwoc_gym.task.observation import SIZE, scales
 
 PAPER_CLOCK = {"episode": {"control_period_s": 0.005, "integration_step_s": 0.005}}
 SKEWED = Gains(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwoc_gym import Scenario
+from uwoc_gym import EpisodeSettings, Scenario, StraightPath
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
 
@@ -59,5 +59,16 @@ def fly():
         )
         fleet.reset(flight.observations, pose=pose, velocity=velocity)
         return flight
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def below_a_still_ship():
+    """Make a scenario in which nothing ends an episode and the ship stays where it is."""
+    episode = EpisodeSettings(duration_s=500.0, control_period_s=0.5, integration_step_s=0.05, lost_distance_m=1e6)
+
+    def make(**settings: Any) -> Scenario:
+        return Scenario(ship=StraightPath(speed_mps=0.0), episode=episode, **settings)
 
     return make

@@ -14,9 +14,9 @@ from gymnasium.wrappers import FrameStackObservation, NormalizeObservation, Reco
 
 import uwoc_gym
 from uwoc_gym import ENV_IDS, SettingError, TrackingEnv
-from uwoc_gym.action import NAMES as ACTION_NAMES
-from uwoc_gym.observation import ENTRIES
 from uwoc_gym.spaces import INFO_NAMES, action_space, observation_space
+from uwoc_gym.task.action import NAMES as ACTION_NAMES
+from uwoc_gym.task.observation import ENTRIES
 
 ZERO = np.zeros(3, dtype=np.float32)
 
@@ -51,7 +51,7 @@ def test_observation_table_matches_the_space():
     space = observation_space()
     rows = table("Observation Space")
     assert len(rows) == len(ENTRIES) == space.shape[0]
-    scales = uwoc_gym.observation.scales(uwoc_gym.ObservationSettings())
+    scales = uwoc_gym.task.observation.scales(uwoc_gym.ObservationSettings())
     for i, (number, name, low, high, unit, scale) in enumerate(rows):
         assert (int(number), name, unit) == (i, ENTRIES[i].name, ENTRIES[i].unit)
         assert (float(low), float(high), float(scale)) == (space.low[i], space.high[i], scales[i])
@@ -68,7 +68,7 @@ def test_action_table_matches_the_space_and_the_limits():
 def test_reward_table_matches_the_weights():
     weights = uwoc_gym.RewardSettings()
     rows = table("Rewards")
-    assert [row[0] for row in rows] == list(uwoc_gym.reward.TERM)
+    assert [row[0] for row in rows] == list(uwoc_gym.task.reward.TERM)
     assert all(float(row[1]) == getattr(weights, row[0]) for row in rows)
 
 
@@ -89,7 +89,7 @@ def test_info_has_every_term_and_they_sum_to_the_reward():
     for _ in range(20):
         _, reward, _, _, info = env.step(env.action_space.sample())
         assert set(info) == set(INFO_NAMES)
-        assert reward == pytest.approx(sum(info[f"reward_{term}"] for term in uwoc_gym.reward.TERM), abs=1e-15)
+        assert reward == pytest.approx(sum(info[f"reward_{term}"] for term in uwoc_gym.task.reward.TERM), abs=1e-15)
         assert isinstance(reward, float)
         assert isinstance(info["in_cone"], bool)
 

@@ -8,21 +8,25 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from uwoc_gym import action, current, ending, link, observation, pulses, reward, sensors, ship, start, vehicle
 from uwoc_gym.sim.layout import BLOCK, PULSE, WORLD
+from uwoc_gym.task import action, ending, observation, reward
+from uwoc_gym.world.auv import horizontal, sensors, start
+from uwoc_gym.world.optics import link
+from uwoc_gym.world.sea import current, pulses
+from uwoc_gym.world.ship import paths
 
 pytest.importorskip("numba_cuda", reason='needs pip install "numba-cuda[cu13]"')
 cuda = pytest.importorskip("numba.cuda")
 
 COMPUTE_CAPABILITY = (9, 0)
-MODULES = (action, current, ending, link, observation, pulses, reward, sensors, ship, start, vehicle)
+MODULES = (action, current, ending, link, observation, pulses, reward, sensors, paths, start, horizontal)
 TYPES = {
     "b": numba.from_dtype(BLOCK),
     "j": numba.int64,
     "world": numba.from_dtype(WORLD),
     "pulse": numba.from_dtype(PULSE),
     "pulses": numba.from_dtype(PULSE)[::1],
-    "segments": numba.from_dtype(ship.SEGMENT)[::1],
+    "segments": numba.from_dtype(paths.SEGMENT)[::1],
     "numbers": numba.float32[::1],
     "first": numba.int64,
 }

@@ -17,9 +17,9 @@ from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 
 from uwoc_gym import ENV_IDS, Scenario, TrackingEnv, TrackingVectorEnv
 from uwoc_gym.baselines import NLPDController
-from uwoc_gym.observation import SIZE
-from uwoc_gym.pulses import drawn_pulses
 from uwoc_gym.sim.fleet import Fleet
+from uwoc_gym.task.observation import SIZE
+from uwoc_gym.world.sea.pulses import drawn_pulses
 
 pygame = pytest.importorskip("pygame")
 rendering = importlib.import_module("uwoc_gym.rendering")

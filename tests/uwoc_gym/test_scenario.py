@@ -32,7 +32,7 @@ from uwoc_gym import (
     Vehicle,
 )
 from uwoc_gym.parameters import ChoiceSpec, FlagSpec, NumberSpec
-from uwoc_gym.scenario import as_scenario
+from uwoc_gym.scenario import DESCRIPTIONS, as_scenario, name_scenario
 
 SETTINGS = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -341,3 +341,19 @@ def test_digest_tells_scenarios_apart():
     assert Scenario().digest() == nominal.digest() == Scenario.from_json(nominal.to_json()).digest()
     # The smallest step of one number far down.
     assert nominal.merged({"vehicle": {"mass_surge_kg": np.nextafter(100.0, 101.0)}}).digest() != nominal.digest()
+
+
+def test_what_is_drawn_is_said():
+    assert [name for name, scenario in SCENARIOS.items() if scenario.draws] == ["PaperCaseI", "PaperCaseII", "Random"]
+    assert Scenario(ship=RandomPath()).draws
+    assert Scenario(ship=[StraightPath(), CirclePath()]).draws
+    assert Scenario(sea=Sea(current=Current(std_mps=0.1))).draws
+    assert Scenario(depth_m=(2.0, 3.0)).draws
+    assert Scenario(sea=Sea(pulses=[Pulse(start_s=(1.0, 2.0))])).draws
+
+
+def test_a_name_stands_for_one_scenario():
+    assert set(DESCRIPTIONS) == set(SCENARIOS)
+    name_scenario("Nominal", DESCRIPTIONS["Nominal"], SCENARIOS["Nominal"])
+    with pytest.raises(SettingError, match="There is another scenario called 'Nominal'"):
+        name_scenario("Nominal", "another", SCENARIOS["Random"])

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym import action, observation
+from uwoc_gym.compute.records import LANES, STRIDE
+from uwoc_gym.compute.rng import key_from_seed
 from uwoc_gym.parameters import closest
-from uwoc_gym.records import LANES, STRIDE
-from uwoc_gym.rng import key_from_seed
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.ship import CARRIED_ON
 from uwoc_gym.sim import layout, paper
 from uwoc_gym.sim.layout import FIRST_OUT, OUT_ROWS, Drawn
+from uwoc_gym.task import action, observation
+from uwoc_gym.world.ship.paths import CARRIED_ON
 
 Array = npt.NDArray[np.float64]
 Lanes = npt.NDArray[np.int64]

@@ -12,12 +12,28 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym import action, current, ending, link, observation, reward, rng, sensors, ship, vehicle
+from uwoc_gym.compute import rng
+from uwoc_gym.compute.records import (
+    CLOCK,
+    ROW_BYTES,
+    Spec,
+    block_type,
+    count,
+    flat,
+    lane_type,
+    row_numbers,
+    rows,
+    table_type,
+)
+from uwoc_gym.compute.rng import counter
 from uwoc_gym.parameters import Number, Parameters
-from uwoc_gym.pulses import Pulse
-from uwoc_gym.records import ROW_BYTES, Spec, block_type, count, flat, lane_type, row_numbers, rows, table_type
-from uwoc_gym.rng import counter
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.task import action, ending, observation, reward
+from uwoc_gym.world.auv import horizontal, sensors
+from uwoc_gym.world.optics import link
+from uwoc_gym.world.sea import current
+from uwoc_gym.world.sea.pulses import Pulse
+from uwoc_gym.world.ship import paths
 
 Array = npt.NDArray[np.float64]
 
@@ -45,22 +61,22 @@ def component(scenario: Scenario, name: str) -> Parameters:
 
 def _drawn() -> dict[str, Spec]:
     groups: dict[str, Spec] = {name: rows(*component(Scenario(), name).drawn()) for name in COMPONENTS}
-    return {name: group for name, group in groups.items() if group} | {"ship": rows("choice") | ship.DRAWN}
+    return {name: group for name, group in groups.items() if group} | {"ship": rows("choice") | paths.DRAWN}
 
 
 OUT = {"measure": link.MEASURE, "total": rows("cost"), "term": reward.TERM, "outcome": ending.OUTCOME}
 """The rows that a step hands out."""
 
 SPEC: Spec = {
-    "clock": ending.CLOCK,
+    "clock": CLOCK,
     "random": rng.STATE,
     "action": action.STATE,
-    "auv": vehicle.STATE,
-    "water": vehicle.WATER,
-    "wrench": vehicle.WRENCH,
+    "auv": horizontal.STATE,
+    "water": horizontal.WATER,
+    "wrench": horizontal.WRENCH,
     "current": current.STATE,
-    "ship": ship.STATE,
-    "path": ship.PATH,
+    "ship": paths.STATE,
+    "path": paths.PATH,
     "link": link.STATE,
     "sensors": sensors.STATE,
     "ending": ending.STATE,
@@ -110,7 +126,7 @@ class _Layout(NamedTuple):
 def _world(scenario: Scenario, layout: _Layout) -> dict[str, Any]:
     fixed = {name: component(scenario, name).fixed_values() for name in COMPONENTS}
     groups = {name: values for name, values in fixed.items() if values}
-    return groups | {"ship": ship.kinds(scenario.ship_paths), "layout": layout._asdict()}
+    return groups | {"ship": paths.kinds(scenario.ship_paths), "layout": layout._asdict()}
 
 
 WORLD = table_type(_world(Scenario(), _Layout()))
@@ -149,14 +165,14 @@ def drawn_numbers(scenario: Scenario) -> list[Drawn]:
         first = BLOCK.itemsize // ROW_BYTES + i * count(PULSE_SPEC)
         rows_of = {key: first + k for k, key in enumerate(PULSE_SPEC)}
         found += numbers_of(pulse, f"sea.pulses[{i}].", f"sea.pulses[{i}].", rows_of)
-    paths = scenario.ship_paths
-    found.append(Drawn("ship", ROW["drawn.ship.choice"], 0.0, len(paths), counter("ship"), whole=True))
+    alternatives = scenario.ship_paths
+    found.append(Drawn("ship", ROW["drawn.ship.choice"], 0.0, len(alternatives), counter("ship"), whole=True))
     first_segment = 0
-    for i, path in enumerate(paths):
+    for i, path in enumerate(alternatives):
         place = f"ship[{i}]." if isinstance(scenario.ship, tuple) else "ship."
-        rows_of = {key: ROW[f"drawn.ship.{key}"] for key in ship.DRAWN}
+        rows_of = {key: ROW[f"drawn.ship.{key}"] for key in paths.DRAWN}
         found += numbers_of(path, place, f"ship.{path.kind}.", rows_of, i)
-        further = ship.further_numbers(path, first_segment)
+        further = paths.further_numbers(path, first_segment)
         first_segment += further["segments"]
         found += [Drawn("", rows_of[key], value, value, (0.0, 0.0), i) for key, value in further.items()]
     return found

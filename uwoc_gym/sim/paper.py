@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from uwoc_gym import action, current, ending, link, observation, pulses, reward, sensors, ship, start, vehicle
-from uwoc_gym.compiled import compiled, inlined, subroutine
-from uwoc_gym.elementary import floor
-from uwoc_gym.records import LANES, STRIDE
-from uwoc_gym.rng import STREAM, draw
-from uwoc_gym.ship import SEGMENT
+from uwoc_gym.compute.compiled import compiled, inlined, subroutine
+from uwoc_gym.compute.elementary import floor
+from uwoc_gym.compute.records import LANES, STRIDE
+from uwoc_gym.compute.rng import STREAM, draw
 from uwoc_gym.sim.layout import (
     BLOCK,
     BLOCK_DOUBLES,
@@ -25,6 +23,12 @@ from uwoc_gym.sim.layout import (
     ROW,
     WORLD,
 )
+from uwoc_gym.task import action, ending, observation, reward
+from uwoc_gym.world.auv import horizontal, sensors, start
+from uwoc_gym.world.optics import link
+from uwoc_gym.world.sea import current, pulses
+from uwoc_gym.world.ship import paths
+from uwoc_gym.world.ship.paths import SEGMENT
 
 _LARGEST = np.finfo(np.float32).max
 NOT_FINITE = -1
@@ -73,9 +77,9 @@ def _begin_episode(memory, world, b, j, at_step) -> None:
     ending.begin(b, j, at_step, world)
     action.begin(b, j)
     sensors.begin(b, j, world)
-    vehicle.begin(b, j, world)
+    horizontal.begin(b, j, world)
     link.begin(b, j, world)
-    ship.begin(b, j, world)
+    paths.begin(b, j, world)
     current.begin(b, j, world)
     _move_ship(memory, world, b, j, j + 1)
     start.begin(b, j, world)
@@ -85,20 +89,20 @@ def _begin_episode(memory, world, b, j, at_step) -> None:
 def _move_ship(memory, world, b, first, last) -> None:
     """Write the motion of the lanes' ships at their time."""
     for j in range(first, last):
-        ship.sail(b, j)
+        paths.sail(b, j)
     if world.ship.random > 0.0:
         for j in range(first, last):
-            ship.wander(b, j)
+            paths.wander(b, j)
     if world.ship.lawn_mower > 0.0:
         for j in range(first, last):
-            ship.follow_legs(b, j)
+            paths.follow_legs(b, j)
     if world.ship.recorded > 0.0:
         segments = memory[int(world.layout.segments) : int(world.layout.blocks)].view(SEGMENT)
         for j in range(first, last):
-            if b.drawn.ship.kind[j] == ship.RECORDED:
-                ship.follow_record(b, j, segments)
+            if b.drawn.ship.kind[j] == paths.RECORDED:
+                paths.follow_record(b, j, segments)
     for j in range(first, last):
-        ship.turn_to_heading(b, j)
+        paths.turn_to_heading(b, j)
 
 
 @subroutine
@@ -110,14 +114,14 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
     for j in range(lanes):
         action.take(b, j, numbers, action.SIZE * (first_lane + j))
     for j in range(lanes):
-        vehicle.actuate(b, j, world)
+        horizontal.actuate(b, j, world)
 
     flows = world.current.acts > 0.0
     if flows:
         for j in range(lanes):
-            vehicle.calm(b, j)
+            horizontal.calm(b, j)
             current.flow(b, j, world)
-            vehicle.change_to_water(b, j, -1.0)
+            horizontal.change_to_water(b, j, -1.0)
     own_pulses = s[BLOCK_DOUBLES : int(world.layout.block_doubles)].view(PULSE)
     pushed = False
     for i in range(own_pulses.size):
@@ -126,20 +130,20 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
     if pushed:
         for substep in range(substeps):
             for j in range(lanes):
-                vehicle.release(b, j)
+                horizontal.release(b, j)
                 pulses.push(b, j, own_pulses, substep * h, h, world)
             for j in range(lanes):
-                vehicle.integrate_pushed(b, j, h)
+                horizontal.integrate_pushed(b, j, h)
     else:
         for _ in range(substeps):
             for j in range(lanes):
-                vehicle.integrate_in_calm(b, j, h)
+                horizontal.integrate_in_calm(b, j, h)
     for j in range(lanes):
-        vehicle.turn_to_heading(b, j)
+        horizontal.turn_to_heading(b, j)
     if flows:
         for j in range(lanes):
-            vehicle.change_to_water(b, j, 1.0)
-            vehicle.carry(b, j, period)
+            horizontal.change_to_water(b, j, 1.0)
+            horizontal.carry(b, j, period)
 
     for j in range(lanes):
         ending.tick(b, j, world)
@@ -189,7 +193,7 @@ def _observe(memory, world, s, b, first, last, entries, first_lane) -> None:
 
 @inlined
 def _show_start(memory, world, s, b, j, entries, lane) -> None:
-    vehicle.turn_to_heading(b, j)
+    horizontal.turn_to_heading(b, j)
     _judge(world, b, j, j + 1)
     ending.show_start(b, j)
     _show(memory, world, s, b, j, j + 1, entries, lane)

@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from uwoc_gym.compiled import inlined
+from uwoc_gym.compute.compiled import inlined
 
 # Numba's own decorator has no types that mypy could follow.
 _intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic

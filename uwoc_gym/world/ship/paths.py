@@ -17,12 +17,12 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym import ending, rng
-from uwoc_gym.compiled import compiled, inlined
-from uwoc_gym.elementary import atan2, floor, fma, sincos
+from uwoc_gym.compute import rng
+from uwoc_gym.compute.compiled import compiled, inlined
+from uwoc_gym.compute.elementary import atan2, floor, fma, sincos
+from uwoc_gym.compute.records import CLOCK, block_type, rows
+from uwoc_gym.compute.rng import draw, key_from_seed
 from uwoc_gym.parameters import Number, Parameters, SettingError, choice, number, samples
-from uwoc_gym.records import block_type, rows
-from uwoc_gym.rng import draw, key_from_seed
 
 Array = npt.NDArray[np.float64]
 
@@ -541,7 +541,7 @@ def turn_to_heading(b, j) -> None:
     b.ship.sin[j], b.ship.cos[j] = sincos(b.ship.yaw[j])
 
 
-_ALONE = block_type({"clock": ending.CLOCK, "random": rng.STATE, "drawn": {"ship": DRAWN}, "path": PATH, "ship": STATE})
+_ALONE = block_type({"clock": CLOCK, "random": rng.STATE, "drawn": {"ship": DRAWN}, "path": PATH, "ship": STATE})
 """A block in which there is nothing but the ship."""
 
 

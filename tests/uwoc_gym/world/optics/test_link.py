@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from uwoc_gym import Cone, OpticalLink, SettingError
-from uwoc_gym.link import inverse_q_function, q_function
+from uwoc_gym.world.optics.link import inverse_q_function, q_function
 
 LINK = OpticalLink()
 CHARGE = 1.602176634e-19

@@ -15,9 +15,9 @@ import re
 
 import numpy as np
 
-from uwoc_gym.compiled import inlined
-from uwoc_gym.elementary import log, sincos
-from uwoc_gym.records import rows
+from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.elementary import log, sincos
+from uwoc_gym.compute.records import rows
 
 STREAM = 1.0
 """The stream of the numbers that a scenario leaves to be drawn."""

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from uwoc_gym.compiled import inlined
+from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.parameters import Number, Parameters, choice, number
 
 

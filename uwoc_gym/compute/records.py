@@ -31,6 +31,10 @@ def rows(*names: str, **shapes: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     return dict.fromkeys(names, ()) | shapes
 
 
+CLOCK = rows("time_s", "step")
+"""Time in the episode [s] and in control periods, which every effect finds in ``b.clock``."""
+
+
 def block_type(spec: Spec) -> np.dtype[Any]:
     """The record of a block.
 

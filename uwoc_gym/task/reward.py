@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from uwoc_gym.compiled import inlined
-from uwoc_gym.elementary import fma, wrap
+from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.elementary import fma, wrap
+from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Parameters, number
-from uwoc_gym.records import rows
 
 TERM = rows("bit_rate", "in_cone", "position", "heading", "effort")
 """The reward terms; `info` has each as ``reward_<name>``."""

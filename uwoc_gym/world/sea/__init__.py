@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from uwoc_gym.current import Current
 from uwoc_gym.parameters import Parameters, child
-from uwoc_gym.pulses import Pulse
+from uwoc_gym.world.sea.current import Current
+from uwoc_gym.world.sea.pulses import Pulse
 
 
 @dataclass(frozen=True, kw_only=True)

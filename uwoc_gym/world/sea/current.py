@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwoc_gym.compiled import inlined
-from uwoc_gym.elementary import exp, sincos
+from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.elementary import exp, sincos
+from uwoc_gym.compute.records import rows
+from uwoc_gym.compute.rng import draw, normal_pair
 from uwoc_gym.parameters import Number, Parameters, number
-from uwoc_gym.records import rows
-from uwoc_gym.rng import draw, normal_pair
 
 STREAM = 3.0
 STATE = rows("x", "y")

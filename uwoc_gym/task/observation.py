@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.compiled import inlined
-from uwoc_gym.elementary import fma
+from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.elementary import fma
+from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Parameters, number
-from uwoc_gym.records import rows
 
 Array = npt.NDArray[np.float64]
 

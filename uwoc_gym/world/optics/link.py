@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.compiled import inlined, over_arrays
-from uwoc_gym.elementary import atan_below_one, exp, fma, log
+from uwoc_gym.compute.compiled import inlined, over_arrays
+from uwoc_gym.compute.elementary import atan_below_one, exp, fma, log
+from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Number, Parameters, SettingError, choice, number
-from uwoc_gym.records import rows
 
 ELEMENTARY_CHARGE_C = 1.602176634e-19
 """Charge of the electron [C], exact in the SI since 2019."""

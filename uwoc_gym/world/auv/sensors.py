@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwoc_gym.compiled import inlined
-from uwoc_gym.elementary import fma, sincos
+from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.elementary import fma, sincos
+from uwoc_gym.compute.records import rows
+from uwoc_gym.compute.rng import draw, normal_pair
 from uwoc_gym.parameters import Number, Parameters, number
-from uwoc_gym.records import rows
-from uwoc_gym.rng import draw, normal_pair
 
 STREAM = 4.0
 STATE = rows("cos", "sin", "error_x", "error_y", "error_yaw", "error_surge", "error_sway", "error_yaw_rate")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from uwoc_gym.compiled import inlined
-from uwoc_gym.records import rows
+from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.records import rows
 
 NAMES = ("surge force", "sway force", "yaw moment")
 SIZE = len(NAMES)

@@ -5,10 +5,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from uwoc_gym import SCENARIOS, Vehicle, current, rng, sensors, ship
+from uwoc_gym import SCENARIOS, Vehicle
+from uwoc_gym.compute import rng
+from uwoc_gym.compute.records import block_type
 from uwoc_gym.parameters import number
-from uwoc_gym.records import block_type
 from uwoc_gym.sim.layout import drawn_numbers, numbers_of
+from uwoc_gym.world.auv import sensors
+from uwoc_gym.world.sea import current
+from uwoc_gym.world.ship import paths
 
 KEY = (123456789.0, 4000000000.0)
 COUNT = 40_000
@@ -130,7 +134,7 @@ def test_streams_are_independent(changed):
 
 
 def test_streams_have_their_own_numbers():
-    assert [rng.STREAM, ship.STREAM, current.STREAM, sensors.STREAM] == [1.0, 2.0, 3.0, 4.0]
+    assert [rng.STREAM, paths.STREAM, current.STREAM, sensors.STREAM] == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_key_from_seed():

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from uwoc_gym.compiled import inlined
+from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Parameters, SettingError, number
-from uwoc_gym.records import rows
 
-CLOCK = rows("time_s", "step")
 STATE = rows("last_outside", "ended", "was_ended")
 """Step at which the AUV was last outside the cone; whether the episode is over, and was before the present step."""
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uwoc_gym import elementary
+from uwoc_gym.compute import elementary
 
 LONG = np.longdouble
 

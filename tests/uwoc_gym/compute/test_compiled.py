@@ -10,7 +10,7 @@ import numba
 import pytest
 
 import uwoc_gym
-from uwoc_gym import compiled
+from uwoc_gym.compute import compiled
 
 
 @pytest.mark.parametrize("edited", ["rooms/equation.py", "main.py"])

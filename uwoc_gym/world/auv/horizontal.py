@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.compiled import inlined, over_arrays
-from uwoc_gym.elementary import fma, sincos, small_sincos
+from uwoc_gym.compute.compiled import inlined, over_arrays
+from uwoc_gym.compute.elementary import fma, sincos, small_sincos
+from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Number, Parameters, flag, number
-from uwoc_gym.records import rows
 
 Array = npt.NDArray[np.float64]
 

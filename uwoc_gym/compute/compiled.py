@@ -26,7 +26,7 @@ class CacheState:
 @lru_cache(maxsize=1)
 def _sources_stamp() -> tuple[tuple[str, int, int], ...]:
     """Name, time of change and size of each source file of this package."""
-    folder = Path(__file__).parent
+    folder = Path(__file__).parents[1]
     files = sorted(folder.rglob("*.py"))
     return tuple((str(file.relative_to(folder)), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from uwoc_gym.compiled import inlined
+from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.parameters import Number, Parameters, flag, number
 
 

@@ -1,0 +1,1 @@
+"""The ground: records, random numbers, elementary functions, and the one way to compile."""

@@ -1,0 +1,6 @@
+"""The named scenarios: each module names its own when it is imported."""
+
+from uwoc_gym.scenario import SCENARIOS
+from uwoc_gym.scenarios import paper, random
+
+__all__ = ["SCENARIOS", "paper", "random"]

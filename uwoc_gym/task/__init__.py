@@ -1,0 +1,1 @@
+"""What an agent sees, does, is paid, and when it is over."""

@@ -1,0 +1,1 @@
+"""What is in the water: one effect, one file."""

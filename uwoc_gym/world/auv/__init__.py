@@ -1,0 +1,1 @@
+"""The vehicle and what it carries."""
