@@ -14,7 +14,6 @@ from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.spaces import ACTION_SIZE
 from uwoc_gym.vector_env import TrackingVectorEnv
 
 Array = npt.NDArray[np.float64]
@@ -113,7 +112,7 @@ def fly(
             alive = alive & ~(terminated | truncated)
         if step == steps or not alive.any():
             break
-        actions, memory = decide(policy, predictor, observations, memory, begun)
+        actions, memory = decide(policy, predictor, observations, memory, begun, len(scenario.actions))
         actions = np.where(alive[:, None], actions, np.float32(0.0))
         observations, rewards, terminated, truncated, _ = env.step(actions)
         begun = terminated | truncated
@@ -151,9 +150,9 @@ def fly(
 
 
 def decide(
-    policy: Policy, predictor: Predictor, observations: Any, memory: Any, begun: npt.NDArray[np.bool_]
+    policy: Policy, predictor: Predictor, observations: Any, memory: Any, begun: npt.NDArray[np.bool_], width: int
 ) -> tuple[npt.NDArray[np.float32], Any]:
-    """Actions (N, 3) for observations (N, 20), and the policy's memory.
+    """Actions (N, width) for N observations, and the policy's memory.
 
     Raises:
         CommandError: The policy fails, or gives something else than finite actions of that shape and its memory.
@@ -169,11 +168,11 @@ def decide(
         array = np.asarray(found[0], dtype=np.float32)
     except (TypeError, ValueError):
         array = np.empty(0, dtype=np.float32)
-    if array.shape != (size, ACTION_SIZE) or not np.isfinite(array).all():
+    if array.shape != (size, width) or not np.isfinite(array).all():
         raise CommandError(
             f"policy {policy.name!r} gave actions of shape {array.shape}"
             f"{'' if np.isfinite(array).all() else ' that are not all finite'}; they must be finite and of shape "
-            f"({size}, {ACTION_SIZE})."
+            f"({size}, {width})."
         )
     return array, found[1]
 

@@ -14,6 +14,9 @@ from uwoc_gym.scenario import SCENARIOS, Scenario
 BASE = "base"
 """The key by which a file names the scenario that it changes."""
 
+SINCE = frozenset({"action"})
+"""Settings that whole files of earlier versions can't have, and whose default is what these versions did."""
+
 
 class Said(NamedTuple):
     """A scenario as it was asked for."""
@@ -69,7 +72,7 @@ def _read(given: str) -> Said:
     data = json_object(given, file=True)
     try:
         if BASE not in data:
-            missing = [key for key in Scenario().to_dict() if key not in data]
+            missing = [key for key in Scenario().to_dict() if key not in data.keys() | SINCE]
             if missing and not data.keys() - Scenario.specs().keys():
                 raise CommandError(
                     f'{given!r} leaves out {", ".join(missing)}; say by "{BASE}" which named scenario it changes, or '

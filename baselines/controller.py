@@ -17,7 +17,7 @@ from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario, as_scenario
-from uwoc_gym.task.observation import SIZE, Measured, unpack
+from uwoc_gym.task.observation import unpack
 
 Array = npt.NDArray[np.float64]
 
@@ -53,7 +53,8 @@ class Controller:
             the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
 
     Raises:
-        SettingError: There is no gain set or scenario of that name.
+        SettingError: There is no gain set or scenario of that name, or the scenario's observations leave out what the
+            law needs, or its actions aren't the three forces.
     """
 
     def __init__(self, gains: str | Gains | Sequence[str | Gains], scenario: str | Scenario = "Nominal") -> None:
@@ -71,24 +72,41 @@ class Controller:
         }
         self._informed = np.array([[each.feedforward] for each in self.gain_sets])[axis]
         known = as_scenario(scenario)
+        self._check_interface(known)
         self.vehicle = known.vehicle.nominal()
         self.force_limits = self.vehicle.force_limits
         self.observation_settings = known.observation
         self._inertia = self.vehicle.inertia
 
+    def _check_interface(self, known: Scenario) -> None:
+        """Refuse a scenario that doesn't show the law what it needs, or takes other actions."""
+        needed = ["ship", "velocity", "heading"]
+        if self._informed.any():
+            needed.append("ship-acceleration")
+        for group in needed:
+            if group not in known.observation.groups:
+                without = " or a gain set without feedforward" if group == "ship-acceleration" else ""
+                raise SettingError(
+                    f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
+                    f"it{without}."
+                )
+        if known.action != "wrench":
+            raise SettingError(f"The law commands three forces, action = 'wrench'; the scenario has {known.action!r}.")
+
     def force(self, observation: npt.ArrayLike) -> Array:
         """The force that the law asks for, before the actuators' limits.
 
         Args:
-            observation: Shape (..., 20), as the environments give it.
+            observation: Shape (..., size), size 20 unless the scenario chooses other groups.
 
         Returns:
             Surge force [N], sway force [N] and yaw moment [N m] in the AUV's body frame, float64 of shape (..., 3).
 
         Raises:
-            ValueError: The observation's last axis isn't 20 long, or there are N gain sets and not N observations.
+            ValueError: The observation's last axis has another size, or there are N gain sets and not N observations.
         """
-        seen = unpack(observation, self.observation_settings)
+        # Which entries are there has been checked.
+        seen: Any = unpack(observation, self.observation_settings)
         cosine, sine = seen.heading[..., 0], seen.heading[..., 1]
         # The gains belong to the earth's axes, so that errors turn there and the force turns back.
         offset = np.concatenate([seen.relative_position, seen.yaw_error[..., None]], axis=-1)
@@ -101,7 +119,7 @@ class Controller:
             tau = tau + np.where(self._informed, self._feedforward(seen), 0.0)
         return tau
 
-    def _feedforward(self, seen: Measured) -> Array:
+    def _feedforward(self, seen: Any) -> Array:
         """The model's force along the ship's path: M a − M r S w + C(ν) w + D(ν) w, all in the body frame.
 
         That is Rᵀ [M(η) η̈_ref + C(ν,η) η̇_ref + D(ν,η) η̇_ref], with the ship's acceleration a and velocity w as seen
@@ -126,7 +144,7 @@ class Controller:
         """The action for an observation, called as in Stable-Baselines3.
 
         Args:
-            observation: Shape (20,) or (N, 20).
+            observation: Shape (size,) or (N, size), size 20 unless the scenario chooses other groups.
             state: Handed back as it is: the law has no memory.
             episode_start: Not used.
             deterministic: Not used: the law has no randomness.
@@ -139,5 +157,6 @@ class Controller:
         """
         obs = np.asarray(observation)
         if obs.ndim not in (1, 2):
-            raise ValueError(f"observation has shape {obs.shape}; it must be ({SIZE},) or (N, {SIZE}).")
+            size = self.observation_settings.size
+            raise ValueError(f"observation has shape {obs.shape}; it must be ({size},) or (N, {size}).")
         return np.clip(self.force(obs) / self.force_limits, -1.0, 1.0).astype(np.float32), state

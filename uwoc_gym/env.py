@@ -11,7 +11,6 @@ import numpy.typing as npt
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import MEASURE_NAMES
 from uwoc_gym.spaces import (
-    ACTION_SIZE,
     FRAME,
     Described,
     ScenarioLike,
@@ -24,13 +23,11 @@ from uwoc_gym.spaces import (
     import_rendering,
     observation_space,
 )
-from uwoc_gym.task.observation import SIZE
 
 Observation = npt.NDArray[np.float32]
 
 _REWARD, _TERMINATED, _TRUNCATED = (MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated"))
 _FLOAT32 = np.dtype(np.float32)
-_SHAPE = (ACTION_SIZE,)
 _STRIDES = (_FLOAT32.itemsize,)
 _LANE = np.zeros(1, dtype=np.int64)
 
@@ -56,6 +53,8 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     | 0   | surge force  | -1  | 1   | 2000 N           |
     | 1   | sway force   | -1  | 1   | 2000 N           |
     | 2   | yaw moment   | -1  | 1   | 500 N m          |
+
+    With `scenario={"action": "surge-yaw"}` there is no force to the side: the actions are surge force and yaw moment.
 
     ## Observation Space
 
@@ -84,6 +83,19 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     | 17  | last action, yaw                             | -1  | 1   | 1       | 1     |
     | 18  | bit rate, log scale from threshold to on-axis| 0   | 1   | 1       | 1     |
     | 19  | inside the cone                              | 0   | 1   | 1       | 1     |
+
+    The entries come in groups, of which `scenario={"observation": {"groups": [...]}}` chooses, in any order; space and
+    `unpack` follow the choice.
+
+    | Group             | Entries                                      |
+    |-------------------|----------------------------------------------|
+    | ship              | 0 to 6                                       |
+    | velocity          | 7 to 9                                       |
+    | ship-acceleration | 10 to 12                                     |
+    | heading           | 13 to 14                                     |
+    | last-action       | 15 to 17                                     |
+    | link              | 18 to 19                                     |
+    | time              | share of the episode gone, from 0 to 1       |
 
     ## Rewards
 
@@ -158,11 +170,13 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         if render_mode == "human":
             import_rendering()
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s, scenario_digest)
-        self.action_space = action_space()
-        self.observation_space = observation_space()
+        self.action_space = action_space(self.scenario)
+        self.observation_space = observation_space(self.scenario)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.scenario.episode.control_period_s)}
         self._fleet = Fleet(self.scenario, 1, Autoreset.DISABLED)
         self._running = False
+        self._action_shape = (len(self.scenario.actions),)
+        self._observation_size = self.scenario.observation.size
         self._step_fleet = self._fleet.stepper()
 
     def reset(
@@ -190,7 +204,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         if wanted is not self._fleet.scenario:
             self._fleet.configure(wanted)
             self._step_fleet = self._fleet.stepper()
-        observation = np.empty((1, SIZE), dtype=np.float32)
+        observation = np.empty((1, self._observation_size), dtype=np.float32)
         self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"), given.get("parameters"))
         self._running = True
         if self.render_mode is not None:
@@ -199,7 +213,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         return observation[0], _info(values)
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Apply an action of shape (3,) for one control period.
+        """Apply an action, of shape (3,) unless the scenario's kind is another, for one control period.
 
         Raises:
             ResetNeeded: No episode is running.
@@ -211,11 +225,11 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         if (
             action.__class__ is not np.ndarray
             or action.dtype is not _FLOAT32
-            or action.shape != _SHAPE
+            or action.shape != self._action_shape
             or action.strides != _STRIDES
         ):
             action = self._as_action(action)
-        observation = np.empty(SIZE, dtype=_FLOAT32)
+        observation = np.empty(self._observation_size, dtype=_FLOAT32)
         values = self._step_fleet(action, observation)
         terminated = values[_TERMINATED] > 0.0
         truncated = values[_TRUNCATED] > 0.0
@@ -225,14 +239,14 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             self._running = False
         return observation, values[_REWARD], terminated, truncated, _info(values)
 
-    @staticmethod
-    def _as_action(action: Any) -> Observation:
+    def _as_action(self, action: Any) -> Observation:
         try:
             array = np.asarray(action, dtype=np.float32)
         except (TypeError, ValueError):
             array = np.empty(0, dtype=np.float32)
-        if array.shape != (ACTION_SIZE,):
-            raise ValueError(f"action {action!r} is not allowed; it must be {ACTION_SIZE} numbers, shape (3,).")
+        if array.shape != self._action_shape:
+            count = self._action_shape[0]
+            raise ValueError(f"action {action!r} is not allowed; it must be {count} numbers, shape ({count},).")
         return np.ascontiguousarray(array)
 
     def state(self) -> dict[str, Any]:

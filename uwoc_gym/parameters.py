@@ -128,21 +128,54 @@ class FlagSpec(_Spec):
 
 @dataclasses.dataclass(frozen=True)
 class ChoiceSpec(_Spec):
-    """One of a few names."""
+    """One of a few names, or several of them that each episode draws from."""
 
     options: tuple[str, ...] = ()
+    randomisable: bool = True
 
     @property
     def differs(self) -> bool:
-        return True
+        return self.randomisable
 
     def coded(self, value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(self.options.index(each) for each in value)
         return self.options.index(value)
 
-    def parse(self, value: Any, where: str) -> str:
-        if value in self.options:
+    def parse(self, value: Any, where: str) -> str | tuple[str, ...]:
+        if isinstance(value, str) and value in self.options:
             return str(value)
-        raise SettingError(f"{where} = {value!r} is not allowed; {closest(str(value), self.options)}")
+        several = isinstance(value, (list, tuple)) and self.randomisable
+        if several and value and all(each in self.options for each in value) and len(set(value)) == len(value):
+            return str(value[0]) if len(value) == 1 else tuple(name for name in self.options if name in value)
+        unknown = next((each for each in value if each not in self.options), value) if several and value else value
+        also = " A list of several is drawn from." if self.randomisable else ""
+        raise SettingError(f"{where} = {value!r} is not allowed; {closest(str(unknown), self.options)}{also}")
+
+    def dump(self, value: Any) -> Any:
+        return list(value) if isinstance(value, tuple) else value
+
+
+@dataclasses.dataclass(frozen=True)
+class NamesSpec(_Spec):
+    """Some of a few names, in an order that matters."""
+
+    options: tuple[str, ...] = ()
+
+    def parse(self, value: Any, where: str) -> tuple[str, ...]:
+        names = tuple(value) if isinstance(value, (list, tuple)) else ()
+        for name in names:
+            if name not in self.options:
+                raise SettingError(f"{where} = {value!r} is not allowed; {closest(str(name), self.options)}")
+        if not names or len(set(names)) < len(names):
+            raise SettingError(
+                f"{where} = {value!r} is not allowed; it must be a list of names, each of them once. "
+                f"Valid names: {', '.join(self.options)}."
+            )
+        return names
+
+    def dump(self, value: Any) -> Any:
+        return list(value)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -262,10 +295,15 @@ def flag(default: bool, description: str) -> Any:
     return dataclasses.field(default=default, metadata={"spec": FlagSpec(description=description)})
 
 
-def choice(default: str, options: tuple[str, ...], description: str) -> Any:
-    """A dataclass field for one of a few names."""
-    spec = ChoiceSpec(description=description, options=options)
+def choice(default: str, options: tuple[str, ...], description: str, *, randomisable: bool = True) -> Any:
+    """A dataclass field for one of a few names; unless `randomisable` is off, several of them are drawn from."""
+    spec = ChoiceSpec(description=description, options=options, randomisable=randomisable)
     return dataclasses.field(default=default, metadata={"spec": spec})
+
+
+def names(default: tuple[str, ...], options: tuple[str, ...], description: str) -> Any:
+    """A dataclass field for some of a few names, in an order that matters."""
+    return dataclasses.field(default=default, metadata={"spec": NamesSpec(description=description, options=options)})
 
 
 def samples(unit: str, description: str, *, optional: bool = False) -> Any:
@@ -376,7 +414,7 @@ class Parameters:
         own = {
             name: specs[name].coded(getattr(self, name))
             for name in specs
-            if not specs[name].differs and isinstance(specs[name], (NumberSpec, FlagSpec))
+            if not specs[name].differs and isinstance(specs[name], (NumberSpec, FlagSpec, ChoiceSpec))
         }
         return own | self.derived()
 
@@ -394,13 +432,30 @@ class Parameters:
             )
         return float(number)
 
+    def option(self, name: str) -> str:
+        """The choice called ``name``.
+
+        Raises:
+            SettingError: There are several, of which none is chosen before an episode draws one.
+        """
+        chosen = getattr(self, name)
+        if isinstance(chosen, tuple):
+            raise SettingError(
+                f"{type(self).__name__}.{name} is one of {chosen}, which is only drawn within an episode; use "
+                "midpoint() for the first."
+            )
+        return str(chosen)
+
     def midpoint(self) -> Self:
-        """A copy with every range replaced by its middle, down to the last child."""
+        """A copy with every range at its middle and every list of choices at its first, down to the last child."""
         changes: dict[str, Any] = {}
         for name in self.specs():
             value = getattr(self, name)
+            spec = self.specs()[name]
             if isinstance(value, Range):
                 changes[name] = value.middle
+            elif isinstance(spec, ChoiceSpec) and isinstance(value, tuple):
+                changes[name] = value[0]
             elif isinstance(value, Parameters):
                 changes[name] = value.midpoint()
             elif isinstance(value, tuple) and value and isinstance(value[0], Parameters):

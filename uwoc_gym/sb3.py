@@ -10,7 +10,8 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from uwoc_gym.spaces import INFO_NAMES, ScenarioLike
+from uwoc_gym.sim.layout import INFO_NAMES
+from uwoc_gym.spaces import ScenarioLike
 from uwoc_gym.vector_env import TrackingVectorEnv
 
 

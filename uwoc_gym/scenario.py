@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from uwoc_gym.parameters import Number, Parameters, SettingError, child, closest, number
+from uwoc_gym.parameters import Number, Parameters, SettingError, child, choice, closest, number
+from uwoc_gym.task.action import KINDS
 from uwoc_gym.task.ending import EpisodeSettings
 from uwoc_gym.task.observation import ObservationSettings
 from uwoc_gym.task.reward import RewardSettings
@@ -30,8 +31,8 @@ from uwoc_gym.world.ship.paths import (
 class Scenario(Parameters):
     """All that defines an episode.
 
-    Any physical number may be a pair ``(low, high)``: each episode then draws it uniformly from its own seed. ``ship``
-    may be one path or several, of which each episode draws one.
+    Any physical number may be a pair ``(low, high)``: each episode then draws it uniformly from its own seed. A choice
+    may be a list of names, and ``ship`` several paths, of which each episode draws one.
 
     Examples:
         >>> heavy = Scenario.named("Nominal").merged({"vehicle": {"mass_scale": (0.8, 1.2)}})
@@ -57,7 +58,10 @@ class Scenario(Parameters):
     )
     episode: EpisodeSettings = child(EpisodeSettings(), (EpisodeSettings,), "time grid and end")
     reward: RewardSettings = child(RewardSettings(), (RewardSettings,), "weights of the reward")
-    observation: ObservationSettings = child(ObservationSettings(), (ObservationSettings,), "observation scales")
+    observation: ObservationSettings = child(
+        ObservationSettings(), (ObservationSettings,), "what is observed, and its scales"
+    )
+    action: str = choice("wrench", tuple(KINDS), "kind of action", randomisable=False)
 
     def _check(self) -> None:
         for path in self.ship_paths:
@@ -71,6 +75,11 @@ class Scenario(Parameters):
     def ship_paths(self) -> tuple[ShipPath, ...]:
         """The alternatives that an episode's path is drawn from."""
         return self.ship if isinstance(self.ship, tuple) else (self.ship,)
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions, in their order."""
+        return KINDS[self.action]
 
     @property
     def draws(self) -> bool:

@@ -16,11 +16,6 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled
 
 from uwoc_gym.scenario import Scenario, as_scenario
-from uwoc_gym.sim.layout import INFO_NAMES
-from uwoc_gym.task.action import SIZE as ACTION_SIZE
-from uwoc_gym.task.observation import ENTRIES
-
-__all__ = ["ACTION_SIZE", "INFO_NAMES"]
 
 FRAME = (1280, 720)
 """Width and height of a rendered frame by default [px]."""
@@ -31,15 +26,15 @@ VectorSpace = spaces.Space[npt.NDArray[np.float32]]
 ScenarioLike = str | Scenario | Mapping[str, Any]
 
 
-def action_space() -> VectorSpace:
-    """Surge force, sway force and yaw moment as shares of the actuators' limits."""
-    return cast(VectorSpace, spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32))
+def action_space(scenario: Scenario) -> VectorSpace:
+    """The scenario's kind of action (`uwoc_gym.task.action`), as shares of the actuators' limits."""
+    return cast(VectorSpace, spaces.Box(-1.0, 1.0, (len(scenario.actions),), np.float32))
 
 
-def observation_space() -> VectorSpace:
-    """The observation vector of `uwoc_gym.task.observation`."""
-    low = np.array([entry.low for entry in ENTRIES], dtype=np.float32)
-    high = np.array([entry.high for entry in ENTRIES], dtype=np.float32)
+def observation_space(scenario: Scenario) -> VectorSpace:
+    """The scenario's observation vector (`uwoc_gym.task.observation`)."""
+    low = np.array([entry.low for entry in scenario.observation.entries], dtype=np.float32)
+    high = np.array([entry.high for entry in scenario.observation.entries], dtype=np.float32)
     return cast(VectorSpace, spaces.Box(low, high, dtype=np.float32))
 
 
@@ -105,13 +100,12 @@ def episode_scenario(base: Scenario, overrides: Any) -> Scenario:
     """The scenario of one episode: ``base`` with ``options["scenario"]`` merged in.
 
     Raises:
-        ValueError: The overrides aren't allowed or would change the observation's scales.
+        ValueError: The overrides aren't allowed or would change what is observed or done.
     """
     changed = as_scenario(overrides, base)
-    if changed.observation != base.observation:
-        raise ValueError(
-            "options['scenario'] must not change 'observation': its scales are fixed when the environment is made."
-        )
+    for name in ("observation", "action"):
+        if getattr(changed, name) != getattr(base, name):
+            raise ValueError(f"options['scenario'] must not change {name!r}: it is fixed when the environment is made.")
     return changed
 
 

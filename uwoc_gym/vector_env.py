@@ -11,11 +11,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from uwoc_gym.sim.fleet import Autoreset, Fleet
-from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
+from uwoc_gym.sim.layout import FLAGS, INFO_NAMES, MEASURE_NAMES
 from uwoc_gym.spaces import (
-    ACTION_SIZE,
     FRAME,
-    INFO_NAMES,
     Described,
     ScenarioLike,
     action_space,
@@ -27,7 +25,6 @@ from uwoc_gym.spaces import (
     import_rendering,
     observation_space,
 )
-from uwoc_gym.task.observation import SIZE
 
 Observations = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
@@ -96,8 +93,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             "render_fps": round(1.0 / self.scenario.episode.control_period_s),
             "autoreset_mode": mode,
         }
-        self.single_action_space = action_space()
-        self.single_observation_space = observation_space()
+        self.single_action_space = action_space(self.scenario)
+        self.single_observation_space = observation_space(self.scenario)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
@@ -105,6 +102,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         self._all.flags.writeable = False
         self._masks: dict[str, Any] = {f"_{name}": self._all for name in INFO_NAMES}
         self._begun = False
+        self._action_size = len(self.scenario.actions)
+        self._observation_size = self.scenario.observation.size
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -132,7 +131,9 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             self._fleet.configure(wanted, self._max_episode_steps)
         lanes = np.flatnonzero(mask)
         self._seed(seed, lanes)
-        observations = np.empty((self.num_envs, SIZE), dtype=np.float32) if mask.all() else self._fleet.observe()
+        observations = (
+            np.empty((self.num_envs, self._observation_size), dtype=np.float32) if mask.all() else self._fleet.observe()
+        )
         self._fleet.reset(observations, lanes, given.get("pose"), given.get("velocity"), given.get("parameters"))
         self._begun = True
         if self.renderers:
@@ -180,7 +181,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
     def step(
         self, actions: Observations
     ) -> tuple[Observations, Array, npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
-        """Apply actions of shape (N, 3) for one control period.
+        """Apply actions, of shape (N, 3) unless the scenario's kind is another, for one control period.
 
         Raises:
             ResetNeeded: Nothing has been reset yet.
@@ -193,9 +194,9 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             given = np.ascontiguousarray(actions, dtype=np.float32)
         except (TypeError, ValueError):
             raise ValueError(f"actions {actions!r} are not allowed; they must be numbers.") from None
-        if given.shape != (self.num_envs, ACTION_SIZE):
-            raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {ACTION_SIZE}).")
-        observations = np.empty((self.num_envs, SIZE), dtype=np.float32)
+        if given.shape != (self.num_envs, self._action_size):
+            raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {self._action_size}).")
+        observations = np.empty((self.num_envs, self._observation_size), dtype=np.float32)
         out = np.empty((len(MEASURE_NAMES), self.num_envs))
         flags = np.empty((len(FLAGS), self.num_envs), dtype=np.bool_)
         finals = np.empty_like(observations) if self._same_step else None

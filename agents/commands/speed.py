@@ -22,8 +22,6 @@ from uwoc_gym.scenario import SCENARIOS
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
 from uwoc_gym.sim.paper import step_one
-from uwoc_gym.spaces import ACTION_SIZE
-from uwoc_gym.task.observation import SIZE
 
 HELP = "measure steps per second against Gymnasium's CartPole-v1"
 EXAMPLES = """\
@@ -138,11 +136,12 @@ def _many(count, memory, action, observation):  # type: ignore[no-untyped-def]
 
 def _kernel_runner(name: str, seed: int) -> _Runner:
     """A fleet of one stepped from compiled code, so that no Python runs between steps."""
-    fleet = Fleet(SCENARIOS[name].merged({"episode": {"lost_distance_m": 1e9}}), 1, max_episode_steps=2**53)
+    scenario = SCENARIOS[name].merged({"episode": {"lost_distance_m": 1e9}})
+    fleet = Fleet(scenario, 1, max_episode_steps=2**53)
     fleet.seed(np.zeros(1, dtype=np.int64), [seed])
-    observations = np.zeros((1, SIZE), dtype=np.float32)
+    observations = np.zeros((1, scenario.observation.size), dtype=np.float32)
     fleet.reset(observations)
-    action = np.random.default_rng(seed).uniform(-1.0, 1.0, ACTION_SIZE).astype(np.float32)
+    action = np.random.default_rng(seed).uniform(-1.0, 1.0, len(scenario.actions)).astype(np.float32)
 
     def run(steps: int) -> int:
         _many(steps, fleet.memory, action, observations[0])
@@ -163,13 +162,14 @@ def _resident_bytes() -> int | None:
 def _memory(name: str, size: int, seed: int) -> dict[str, Any]:
     """Memory of a fleet, counted from its arrays and seen from outside after a step."""
     before = _resident_bytes()
-    fleet = Fleet(SCENARIOS[name], size, Autoreset.NEXT_STEP)
-    observations = np.zeros((size, SIZE), dtype=np.float32)
+    scenario = SCENARIOS[name]
+    fleet = Fleet(scenario, size, Autoreset.NEXT_STEP)
+    observations = np.zeros((size, scenario.observation.size), dtype=np.float32)
     out = np.empty((len(MEASURE_NAMES), size))
     fleet.seed(np.arange(size), [seed + i for i in range(size)])
     fleet.reset(observations)
     flags = np.zeros((len(FLAGS), size), dtype=np.bool_)
-    fleet.step(np.zeros((size, ACTION_SIZE), dtype=np.float32), observations, out, flags)
+    fleet.step(np.zeros((size, len(scenario.actions)), dtype=np.float32), observations, out, flags)
     after = _resident_bytes()
     return {
         "simulations": size,

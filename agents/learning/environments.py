@@ -14,13 +14,11 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper,
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.policies.residual import check_actions, checked_scale, corrected
+from uwoc_gym.agents.policies.residual import CONTROLS, check_actions, checked_scale, corrected
 from uwoc_gym.baselines import Controller
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.sb3 import TrackingVecEnv
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.spaces import action_space
-from uwoc_gym.task.observation import LINK_IN_CONE
 
 
 class ResidualVecEnv(VecEnvWrapper):
@@ -37,7 +35,7 @@ class ResidualVecEnv(VecEnvWrapper):
 
     def __init__(self, venv: VecEnv, controller: Controller, scale: float = 0.5) -> None:
         check_actions(venv.action_space.shape)
-        super().__init__(venv, action_space=action_space())
+        super().__init__(venv, action_space=CONTROLS)
         self.controller = controller
         self.scale = checked_scale(scale)
         self._controls: Any = None
@@ -65,11 +63,11 @@ class EpisodeMonitor(VecEnvWrapper):
 
     Args:
         venv: The environments.
-        in_cone: Whether the observations are this package's, so that they say who is in the cone.
+        in_cone: Where the observations say who is in the cone; None if they don't.
         window: How many episodes are kept.
     """
 
-    def __init__(self, venv: VecEnv, in_cone: bool, window: int = 100) -> None:
+    def __init__(self, venv: VecEnv, in_cone: int | None, window: int = 100) -> None:
         super().__init__(venv)
         self._in_cone = in_cone
         self.returns: deque[float] = deque(maxlen=window)
@@ -88,12 +86,13 @@ class EpisodeMonitor(VecEnvWrapper):
         self._sums += rewards
         self._lengths += 1.0
         seen: Any = observations
-        if self._in_cone:
-            self._inside += seen[:, LINK_IN_CONE]
+        cone = self._in_cone
+        if cone is not None:
+            self._inside += seen[:, cone]
         for i in np.flatnonzero(dones).tolist():
-            if self._in_cone:
+            if cone is not None:
                 # The observation is already the next episode's.
-                last = infos[i]["terminal_observation"][LINK_IN_CONE] - seen[i, LINK_IN_CONE]
+                last = infos[i]["terminal_observation"][cone] - seen[i, cone]
                 self.availabilities.append(float((self._inside[i] + last) / self._lengths[i]))
             self.returns.append(float(self._sums[i]))
             infos[i]["episode"] = {"r": float(self._sums[i]), "l": int(self._lengths[i])}
@@ -158,7 +157,11 @@ def make_base(env_id: str, n_envs: int, scenario: Scenario | None, env_kwargs: M
 
 
 def wrapped(
-    base: VecEnv, values: Mapping[str, Any], controller: Controller | None, ours: bool, normaliser: str | None = None
+    base: VecEnv,
+    values: Mapping[str, Any],
+    controller: Controller | None,
+    scenario: Scenario | None,
+    normaliser: str | None = None,
 ) -> tuple[VecEnv, EpisodeMonitor, VecNormalize | None]:
     """The environments as the algorithm sees them.
 
@@ -168,10 +171,10 @@ def wrapped(
         base: The bare environments.
         values: Checked settings.
         controller: What the agent corrects, if anything.
-        ours: Whether the observations are this package's.
+        scenario: The scenario trained on; None for environments of others.
         normaliser: File with normalisation statistics to go on from.
     """
-    monitor = EpisodeMonitor(base, ours)
+    monitor = EpisodeMonitor(base, None if scenario is None else scenario.observation.place("inside the cone"))
     env: VecEnv = monitor
     if controller is not None:
         env = ResidualVecEnv(env, controller, values["residual_scale"])

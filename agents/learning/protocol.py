@@ -26,7 +26,6 @@ from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.task.observation import SIZE
 
 Array = npt.NDArray[np.float64]
 
@@ -243,7 +242,7 @@ def decision_time(policy: Policy, calls: int = 300) -> float:
     """Microseconds that one policy takes for one decision on one observation, by the median call."""
     scenario = Scenario.named("Random")
     predictor = policy.pilot(scenario)
-    observation, state, times = np.zeros((1, SIZE), dtype=np.float32), None, []
+    observation, state, times = np.zeros((1, scenario.observation.size), dtype=np.float32), None, []
     for _ in range(calls):
         begun = time.perf_counter()
         _, state = predictor.predict(

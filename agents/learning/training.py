@@ -32,6 +32,7 @@ from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, tables
 from uwoc_gym.baselines import Controller
 from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.parameters import SettingError
 
 BASELINES = ("pd", "nlpd", "nlpd-tuned")
 """The controllers whose scores stand in the learning curve."""
@@ -148,9 +149,7 @@ class Run:
         base = environments.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
         controller = Controller(plan.gains, plan.practice.known()) if plan.gains is not None and plan.practice else None
         statistics = str(resume / "vecnormalize.pkl") if resume is not None and values["normalize"] else None
-        env, self.monitor, self.statistics = environments.wrapped(
-            base, values, controller, plan.practice is not None, statistics
-        )
+        env, self.monitor, self.statistics = environments.wrapped(base, values, controller, plan.practice, statistics)
         self.env = env
         self.model = self._make(first) if resume is None else self._load(resume)
         # What is resumed gets episodes and noise of its own, not those it has seen.
@@ -250,8 +249,12 @@ class Run:
             return
         seeds = VALIDATION[: self.plan.eval_episodes]
         for name in BASELINES:
-            rows = fly(POLICIES[name], self.plan.task, seeds).metrics.rows()
-            self.baselines[name] = _scores(rows)
+            try:
+                POLICIES[name].pilot(self.plan.task)
+            except SettingError as error:
+                print(f"{name} doesn't fly beside the agent: {error}", file=sys.stderr)
+            else:
+                self.baselines[name] = _scores(fly(POLICIES[name], self.plan.task, seeds).metrics.rows())
 
     def evaluate(self) -> dict[str, Any]:
         """Fly the validation seeds with the present policy; keep it if none was better."""

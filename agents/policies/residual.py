@@ -14,9 +14,13 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines import Controller
 from uwoc_gym.parameters import SettingError
-from uwoc_gym.spaces import ACTION_SIZE, action_space
+from uwoc_gym.scenario import Scenario
+from uwoc_gym.spaces import action_space
 
 Actions = npt.NDArray[np.float32]
+
+CONTROLS = action_space(Scenario())
+"""What a controller commands."""
 
 
 def corrected(controls: npt.ArrayLike, action: npt.ArrayLike, scale: float) -> Actions:
@@ -49,8 +53,8 @@ def check_actions(shape: tuple[int, ...] | None) -> None:
     Raises:
         SettingError: The shape isn't (3,).
     """
-    if shape != (ACTION_SIZE,):
-        raise SettingError(f"the environment's actions have shape {shape}; a controller's have ({ACTION_SIZE},).")
+    if shape != CONTROLS.shape:
+        raise SettingError(f"the environment's actions have shape {shape}; a controller's have {CONTROLS.shape}.")
 
 
 class ResidualAction(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -69,7 +73,7 @@ class ResidualAction(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         gym.utils.RecordConstructorArgs.__init__(self, controller=controller, scale=scale)
         super().__init__(env)
         check_actions(env.action_space.shape)
-        self.action_space = action_space()
+        self.action_space = CONTROLS
         self.controller = controller
         self.scale = checked_scale(scale)
         self._controls: Actions | None = None

@@ -25,12 +25,9 @@ from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.spaces import ACTION_SIZE
-from uwoc_gym.task.observation import ENTRIES, SIZE
 
 DESCRIPTION = "agent.json"
 FORMAT = 1
-LAYOUT = [entry.name for entry in ENTRIES]
 
 
 def describe(
@@ -48,7 +45,7 @@ def describe(
     """
     layout = None
     if scenario is not None:
-        layout = {"entries": LAYOUT, "scales": scenario.observation.to_dict()}
+        layout = _interface(scenario)
     residual = None
     if gains is not None:
         residual = {"gains": dataclasses.asdict(gains), "scale": values["residual_scale"]}
@@ -102,17 +99,42 @@ def check_layout(name: str, description: Mapping[str, Any], scenario: Scenario |
         raise CommandError(
             f"policy {name!r} was trained in {description.get('env')!r}, whose observations are not this package's."
         )
-    if layout["entries"] != LAYOUT:
-        differing = [f"{new!r}" for new in LAYOUT if new not in layout["entries"]]
+    if scenario is None:
+        return
+    flown = _interface(scenario)
+    if layout["entries"] != flown["entries"]:
+        lacks = [f"{new!r}" for new in flown["entries"] if new not in layout["entries"]]
+        more = [f"{old!r}" for old in layout["entries"] if old not in flown["entries"]]
         raise CommandError(
-            f"policy {name!r} was trained for another observation layout: {len(layout['entries'])} entries where this "
-            f"version has {SIZE}{', without ' + ', '.join(differing) if differing else ''}; train it again."
+            f"policy {name!r} was trained for another observation layout: {len(layout['entries'])} entries where the "
+            f"scenario has {len(flown['entries'])}{', without ' + ', '.join(lacks) if lacks else ''}"
+            f"{', with ' + ', '.join(more) if more else ''}; train it for this one."
         )
-    if scenario is not None and layout["scales"] != scenario.observation.to_dict():
+    if layout["scales"] != flown["scales"]:
         raise CommandError(
             f"policy {name!r} was trained for another observation layout: its scales are {layout['scales']}, the "
-            f"scenario's {scenario.observation.to_dict()}."
+            f"scenario's {flown['scales']}."
         )
+    if _actions_of(layout) != flown["actions"]:
+        raise CommandError(
+            f"policy {name!r} was trained for other actions: {', '.join(_actions_of(layout))}; the scenario's are "
+            f"{', '.join(flown['actions'])}."
+        )
+
+
+def _interface(scenario: Scenario) -> dict[str, Any]:
+    """What an agent in the scenario sees and does."""
+    seen = scenario.observation
+    return {
+        "entries": [entry.name for entry in seen.entries],
+        "scales": seen.scales,
+        "actions": list(scenario.actions),
+    }
+
+
+def _actions_of(layout: Mapping[str, Any]) -> list[str]:
+    """The actions that an agent was trained for; before they could be chosen there was one kind."""
+    return list(layout.get("actions", Scenario().actions))
 
 
 class Agent:
@@ -146,20 +168,21 @@ class Agent:
         """Actions for observations, called as in Stable-Baselines3.
 
         Args:
-            observation: Shape (20,) or (N, 20).
+            observation: Shape (size,) or (N, size), size 20 unless it was trained on other observation groups.
             state: The memory that the last call returned; None in the first.
             episode_start: Where an episode begins, bool of shape () or (N,); by default nowhere after the first call.
             deterministic: Whether to take the most likely action instead of drawing one.
 
         Returns:
-            Actions of shape (3,) or (N, 3), and the memory for the next call.
+            Actions of shape (3,) or (N, 3), or what the kind trained for has, and the memory for the next call.
 
         Raises:
             ValueError: The observation has another shape.
         """
         seen = np.asarray(observation, dtype=np.float32)
-        if seen.ndim not in (1, 2) or seen.shape[-1] != SIZE:
-            raise ValueError(f"observation has shape {seen.shape}; it must be ({SIZE},) or (N, {SIZE}).")
+        size = self.model.observation_space.shape[0] // self._frames
+        if seen.ndim not in (1, 2) or seen.shape[-1] != size:
+            raise ValueError(f"observation has shape {seen.shape}; it must be ({size},) or (N, {size}).")
         batch = np.atleast_2d(seen)
         start = np.zeros(len(batch), dtype=bool) if episode_start is None else np.atleast_1d(episode_start).astype(bool)
         stacked, memory = state if state is not None else (None, None)
@@ -235,17 +258,24 @@ def normaliser_path(model: Path) -> Path:
     return own if own.is_file() else model.with_name("vecnormalize.pkl")
 
 
-def check_shapes(name: str, model: Any, frames: int = 1) -> None:
-    """Refuse a model whose observations or actions aren't this package's.
+def check_shapes(name: str, model: Any, entries: int, actions: int, frames: int = 1) -> None:
+    """Refuse a model whose observations or actions have other shapes than those of a layout.
+
+    Args:
+        name: The policy, for the error.
+        model: What was loaded.
+        entries: Length of an observation.
+        actions: Length of an action.
+        frames: How many observations in a row it sees.
 
     Raises:
         CommandError: They have other shapes.
     """
     shapes = (model.observation_space.shape, model.action_space.shape)
-    if shapes != ((SIZE * frames,), (ACTION_SIZE,)):
+    if shapes != ((entries * frames,), (actions,)):
         raise CommandError(
             f"policy {name!r} has observations and actions of shapes {shapes[0]} and {shapes[1]}; they must be "
-            f"({SIZE * frames},) and ({ACTION_SIZE},)."
+            f"({entries * frames},) and ({actions},)."
         )
 
 
@@ -264,7 +294,8 @@ def _parts(path: Path) -> tuple[Any, Callable[[Any], Any] | None, dict[str, Any]
     description = read_description(path.with_name(DESCRIPTION))
     check_layout(str(path), description)
     model = load_model(path, description["algorithm"])
-    check_shapes(str(path), model, description["frame_stack"])
+    layout = description["observation"]
+    check_shapes(str(path), model, len(layout["entries"]), len(_actions_of(layout)), description["frame_stack"])
     normalise = load_normaliser(normaliser_path(path)) if description["normalize"] else None
     return model, normalise, description
 
@@ -328,8 +359,12 @@ def load(path: Path) -> Policy:
         known = ", ".join(each.name for each in ALGORITHMS.values())
         raise CommandError(f"policy {str(path)!r} was saved by another algorithm than {known}.")
     model = load_model(path, algorithm)
-    check_shapes(str(path), model)
     statistics = normaliser_path(path)
     normalise = load_normaliser(statistics) if statistics.is_file() else None
     agent = Agent(model, normalise)
-    return Policy(given, f"saved {ALGORITHMS[algorithm].name} model", lambda scenario: agent)
+
+    def make(scenario: Scenario) -> Agent:
+        check_shapes(given, model, scenario.observation.size, len(scenario.actions))
+        return agent
+
+    return Policy(given, f"saved {ALGORITHMS[algorithm].name} model", make)

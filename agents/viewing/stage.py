@@ -26,6 +26,7 @@ class Pilot:
         self._policy = policy
         self._predictor = policy.pilot(scenario)
         self.env = TrackingEnv(scenario=scenario)
+        self._width = len(scenario.actions)
         self._memory: Any = None
         self._begun = True
         self._observation: Any = None
@@ -45,7 +46,7 @@ class Pilot:
         if self.ended:
             return
         actions, self._memory = decide(
-            self._policy, self._predictor, self._observation[None], self._memory, np.array([self._begun])
+            self._policy, self._predictor, self._observation[None], self._memory, np.array([self._begun]), self._width
         )
         self._begun = False
         self._observation, _, terminated, truncated, _ = self.env.step(actions[0])

@@ -44,6 +44,11 @@ def test_overrides_go_over_all_of_them(tmp_path: Path) -> None:
         assert said(_file(tmp_path, RANDOM.merged(SHORT).to_dict()), override).scenario == wanted
 
 
+def test_whole_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
+    earlier = {key: value for key, value in RANDOM.to_dict().items() if key != "action"}
+    assert said(_file(tmp_path, earlier)).scenario == RANDOM
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [

@@ -15,8 +15,8 @@ from uwoc_gym.baselines.controller import gain
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.sim.fleet import Fleet
 from uwoc_gym.sim.layout import OUT_ROWS
-from uwoc_gym.task.observation import SIZE, scales
 
+SIZE = Scenario().observation.size
 PAPER_CLOCK = {"episode": {"control_period_s": 0.005, "integration_step_s": 0.005}}
 SKEWED = Gains(
     a_p=(300.0, 200.0, 90.0),
@@ -71,7 +71,7 @@ def observe(eta, nu, eta_ref, eta_ref_dot, eta_ref_ddot) -> np.ndarray:  # type:
     si[7:10] = nu
     si[10:13] = R.T @ eta_ref_ddot
     si[13:15] = np.cos(eta[2]), np.sin(eta[2])
-    return si / scales(Scenario().observation)
+    return si / Scenario().observation.entry_scales
 
 
 def random_states(count: int) -> list[tuple[np.ndarray, ...]]:
@@ -188,7 +188,7 @@ def test_controller_knows_only_the_nominal_vehicle() -> None:
 def test_controller_reads_the_scenarios_scales() -> None:
     state = random_states(1)[0]
     coarse = Scenario().merged({"observation": {"position_scale_m": 8.0, "velocity_scale_mps": 2.0}})
-    ratio = scales(Scenario().observation) / scales(coarse.observation)
+    ratio = Scenario().observation.entry_scales / coarse.observation.entry_scales
     obs = observe(*state)
     np.testing.assert_allclose(PDController(scenario=coarse).force(obs * ratio), PDController().force(obs))
 

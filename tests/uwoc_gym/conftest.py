@@ -24,7 +24,8 @@ class Flight:
     finals: np.ndarray
 
     def step(self, action: Any = 0.0, count: int = 1) -> dict[str, np.ndarray]:
-        actions = np.ascontiguousarray(np.broadcast_to(np.asarray(action, dtype=np.float32), (self.fleet.size, 3)))
+        shape = (self.fleet.size, len(self.fleet.scenario.actions))
+        actions = np.ascontiguousarray(np.broadcast_to(np.asarray(action, dtype=np.float32), shape))
         for _ in range(count):
             self.fleet.step(actions, self.observations, self.out, self.flags, self.finals)
         return self.fleet.state()
@@ -52,10 +53,10 @@ def fly():
         fleet.seed(np.arange(size), seeds or list(range(seed, seed + size)))
         flight = Flight(
             fleet,
-            observations=np.zeros((size, 20), np.float32),
+            observations=np.zeros((size, scenario.observation.size), np.float32),
             out=np.zeros((len(MEASURE_NAMES), size)),
             flags=np.zeros((len(FLAGS), size), bool),
-            finals=np.zeros((size, 20), np.float32),
+            finals=np.zeros((size, scenario.observation.size), np.float32),
         )
         fleet.reset(flight.observations, pose=pose, velocity=velocity)
         return flight

@@ -14,9 +14,10 @@ from gymnasium.wrappers import FrameStackObservation, NormalizeObservation, Reco
 
 import uwoc_gym
 from uwoc_gym import ENV_IDS, SettingError, TrackingEnv
-from uwoc_gym.spaces import INFO_NAMES, action_space, observation_space
-from uwoc_gym.task.action import NAMES as ACTION_NAMES
-from uwoc_gym.task.observation import ENTRIES
+from uwoc_gym.sim.layout import INFO_NAMES
+from uwoc_gym.spaces import action_space, observation_space
+from uwoc_gym.task.action import KINDS
+from uwoc_gym.task.observation import GROUPS, STANDARD
 
 ZERO = np.zeros(3, dtype=np.float32)
 
@@ -48,20 +49,34 @@ def test_registering_again_changes_nothing():
 
 
 def test_observation_table_matches_the_space():
-    space = observation_space()
-    rows = table("Observation Space")
-    assert len(rows) == len(ENTRIES) == space.shape[0]
-    scales = uwoc_gym.task.observation.scales(uwoc_gym.ObservationSettings())
+    space = observation_space(uwoc_gym.Scenario())
+    settings = uwoc_gym.ObservationSettings()
+    rows = [row for row in table("Observation Space") if len(row) == 6]
+    assert len(rows) == len(settings.entries) == space.shape[0]
     for i, (number, name, low, high, unit, scale) in enumerate(rows):
-        assert (int(number), name, unit) == (i, ENTRIES[i].name, ENTRIES[i].unit)
-        assert (float(low), float(high), float(scale)) == (space.low[i], space.high[i], scales[i])
+        assert (int(number), name, unit) == (i, settings.entries[i].name, settings.entries[i].unit)
+        assert (float(low), float(high), float(scale)) == (space.low[i], space.high[i], settings.entry_scales[i])
+
+
+def test_group_table_matches_the_groups():
+    rows = [row for row in table("Observation Space") if len(row) == 2 and row[0] in GROUPS]
+    assert [name for name, _ in rows] == list(GROUPS)
+    first = 0
+    for name, text in rows:
+        if name in STANDARD:
+            last = first + len(GROUPS[name]) - 1
+            assert text == f"{first} to {last}"
+            first = last + 1
+        else:
+            (entry,) = GROUPS[name]
+            assert text == f"{entry.name}, from {entry.low:g} to {entry.high:g}"
 
 
 def test_action_table_matches_the_space_and_the_limits():
-    space = action_space()
+    space = action_space(uwoc_gym.Scenario())
     limits = uwoc_gym.Vehicle().force_limits
     for i, (number, name, low, high, unit) in enumerate(table("Action Space")):
-        assert (int(number), name, float(low), float(high)) == (i, ACTION_NAMES[i], space.low[i], space.high[i])
+        assert (int(number), name, float(low), float(high)) == (i, KINDS["wrench"][i], space.low[i], space.high[i])
         assert float(unit.split()[0]) == limits[i]
 
 

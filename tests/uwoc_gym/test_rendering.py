@@ -18,7 +18,6 @@ from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 from uwoc_gym import ENV_IDS, Scenario, TrackingEnv, TrackingVectorEnv
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.sim.fleet import Fleet
-from uwoc_gym.task.observation import SIZE
 from uwoc_gym.world.sea.pulses import drawn_pulses
 
 pygame = pytest.importorskip("pygame")
@@ -350,7 +349,7 @@ def test_bad_pushes_move_nothing(bad):
 def test_a_push_touches_its_lanes_only():
     fleet = Fleet(Scenario(), 40)
     fleet.seed(np.arange(40), list(range(40)))
-    fleet.reset(np.zeros((40, SIZE), dtype=np.float32))
+    fleet.reset(np.zeros((40, 20), dtype=np.float32))
     fleet.push(np.array([0, 35]), (10.0, 0.0, 0.0))
     moved = np.flatnonzero(fleet.state()["velocity"][:, 0])
     np.testing.assert_array_equal(moved, [0, 35])

@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
 from uwoc_gym import ENV_IDS
 from uwoc_gym.sb3 import TrackingVecEnv
-from uwoc_gym.spaces import INFO_NAMES
+from uwoc_gym.sim.layout import INFO_NAMES
 
 STEPS = 17
 

@@ -31,7 +31,7 @@ from uwoc_gym import (
     StraightPath,
     Vehicle,
 )
-from uwoc_gym.parameters import ChoiceSpec, FlagSpec, NumberSpec
+from uwoc_gym.parameters import ChoiceSpec, FlagSpec, NamesSpec, NumberSpec
 from uwoc_gym.scenario import DESCRIPTIONS, as_scenario, name_scenario
 
 SETTINGS = settings(derandomize=True, deadline=None, max_examples=60)
@@ -69,7 +69,12 @@ def values_of(spec):
     if isinstance(spec, FlagSpec):
         return st.booleans()
     if isinstance(spec, ChoiceSpec):
-        return st.sampled_from(spec.options)
+        one = st.sampled_from(spec.options)
+        # Several are kept in the order of the options.
+        several = st.lists(one, min_size=2, unique=True).map(lambda names: sorted(names, key=spec.options.index))
+        return one | several if spec.randomisable else one
+    if isinstance(spec, NamesSpec):
+        return st.lists(st.sampled_from(spec.options), min_size=1, unique=True)
     assert isinstance(spec, NumberSpec)
     low, high = max(spec.low, -1e6), min(spec.high, 1e6)
     number = st.floats(low, high, exclude_min=spec.open_low, exclude_max=spec.open_high)
@@ -357,3 +362,39 @@ def test_a_name_stands_for_one_scenario():
     name_scenario("Nominal", DESCRIPTIONS["Nominal"], SCENARIOS["Nominal"])
     with pytest.raises(SettingError, match="There is another scenario called 'Nominal'"):
         name_scenario("Nominal", "another", SCENARIOS["Random"])
+
+
+def test_a_choice_can_be_drawn_like_a_number(fly):
+    scenario = Scenario(
+        ship=CirclePath(turn=["port", "starboard"]), link=OpticalLink(background=["printed", "surface"]), depth_m=3.0
+    )
+    assert scenario.ship.turn == ("starboard", "port")
+    assert Scenario.from_json(scenario.to_json()) == scenario
+    assert scenario.draws
+    assert scenario.midpoint().ship.turn == "starboard"
+    fleet = fly(scenario, 2000).fleet
+    drawn, state = fleet.drawn(), fleet.state()
+    for path in ("ship.turn", "link.background"):
+        names, counts = np.unique(drawn[path], return_counts=True)
+        assert len(names) == 2
+        # Standard deviation of a count: √(2000 / 4) ≈ 22.
+        assert np.abs(counts - 1000).max() < 100
+    np.testing.assert_array_equal(state["ship_velocity"][:, 2] > 0.0, drawn["ship.turn"] == "starboard")
+    slant = np.where(drawn["link.background"] == "surface", 4.405, 3.64)
+    np.testing.assert_allclose(state["slant_height_m"], slant, rtol=0.03)
+    seen = np.zeros((2000, 20), np.float32)
+    fleet.reset(seen, parameters={"ship.turn": "port"})
+    assert (fleet.drawn()["ship.turn"] == "port").all()
+    with pytest.raises(ValueError, match=r"\['ship.turn'\] = 'left' is not allowed; .* one of 'starboard', 'port'"):
+        fleet.reset(seen, parameters={"ship.turn": "left"})
+    with pytest.raises(SettingError, match=r"turn is one of \('starboard', 'port'\), which is only drawn within"):
+        scenario.ship.at(0.0)
+    with pytest.raises(SettingError, match="use midpoint"):
+        scenario.link.bit_rate(3.0, 0.0)
+
+
+@pytest.mark.parametrize("turn", [[], ["port", "port"], ["port", "left"], "left", 3, None])
+def test_choices_that_are_not_allowed(turn):
+    with pytest.raises(SettingError, match=r"CirclePath\.turn = .* is not allowed; .*A list of several is drawn from"):
+        CirclePath(turn=turn)
+    assert CirclePath(turn=["port"]) == CirclePath(turn="port")

@@ -21,7 +21,6 @@ from uwoc_gym.parameters import closest
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.sim import layout, paper
 from uwoc_gym.sim.layout import FIRST_OUT, OUT_ROWS, Drawn
-from uwoc_gym.task import action, observation
 from uwoc_gym.world.ship.paths import CARRIED_ON
 
 Array = npt.NDArray[np.float64]
@@ -80,7 +79,7 @@ class Fleet:
         self._blocks = -(-self.size // LANES)
         self._pool: ThreadPoolExecutor | None = None
         self._seeded = np.zeros(self.size, dtype=bool)
-        self._unused = np.zeros((0, observation.SIZE), dtype=np.float32)
+        self._unused = np.zeros((0, 0), dtype=np.float32)
         self.configure(scenario, max_episode_steps)
 
     def configure(self, scenario: Scenario, max_episode_steps: int | None = None) -> None:
@@ -132,7 +131,7 @@ class Fleet:
         """Begin the next episode of each of ``lanes`` (all by default) and write its observation.
 
         Args:
-            observations: Written to, shape (N, 20); other lanes' rows stay.
+            observations: Written to, shape (N, size); other lanes' rows stay.
             lanes: Indices of the simulations to reset.
             pose: Start pose, shape (3,) or (N, 3) [m, m, rad] in the earth frame, instead of the scenario's.
             velocity: Start velocity, shape (3,) or (N, 3) [m/s, m/s, rad/s], instead of the scenario's.
@@ -146,6 +145,11 @@ class Fleet:
         which = self._which(lanes)
         if not self._seeded[which].all():
             raise ValueError("every simulation needs a seed before its first reset.")
+        if observations.shape != (self.size, self.scenario.observation.size) or observations.dtype != np.float32:
+            raise ValueError(
+                f"observations have shape {observations.shape} and type {observations.dtype}; they must be of shape "
+                f"({self.size}, {self.scenario.observation.size}) and float32."
+            )
         poses = self._start_values("options['pose']", pose, 3)
         velocities = self._start_values("options['velocity']", velocity, 3)
         numbers, values, paths = self._chosen(parameters or {})
@@ -276,7 +280,7 @@ class Fleet:
         rows = np.array([layout.ROW[name] for name in numbers])
         only = np.full(rows.size, -1)
         values = np.array([np.broadcast_to(value, self.size) for value in numbers.values()])
-        unseen = np.empty((self.size, observation.SIZE), dtype=np.float32)
+        unseen = np.empty((self.size, self.scenario.observation.size), dtype=np.float32)
         paths = np.zeros(self.size)
         paper.reset(self._memory.array, which, float(step), poses, velocities, paths, rows, only, values, unseen)
 
@@ -296,10 +300,10 @@ class Fleet:
             given = np.asarray(actions, dtype=np.float32)
         except (TypeError, ValueError):
             given = np.empty(0, dtype=np.float32)
-        if given.ndim != 3 or given.shape[2] != action.SIZE or not np.isfinite(given).all():
+        if given.ndim != 3 or given.shape[2] != len(self.scenario.actions) or not np.isfinite(given).all():
             raise ValueError(
                 f"actions of shape {given.shape} are not allowed; they must be finite and of shape "
-                f"(K, H, {action.SIZE})."
+                f"(K, H, {len(self.scenario.actions)})."
             )
         count = len(given)
         found = Rollout(np.empty(count), np.empty(count), np.empty(count), np.empty(count, dtype=np.int64))
@@ -325,16 +329,16 @@ class Fleet:
             except (TypeError, ValueError):
                 array = np.empty(0)
             fits = (own.low <= array) & (array <= own.high)
-            if own.whole:
-                fits = (array == np.floor(array)) & fits & (array < own.high)
+            if own.mask:
+                fits &= np.isin(array, [place for place in range(own.mask.bit_length()) if own.mask >> place & 1])
             if array.shape not in ((), (self.size,)) or not fits.all():
                 shapes = "a number" if self.size == 1 else f"a number or of shape ({self.size},)"
                 allowed = f"in the range [{own.low:g}, {own.high:g}] that the scenario draws it from"
                 if own.options:
                     shapes = shapes.replace("a number", "a name")
-                    allowed = f"namely {own.options[int(own.low)]!r} as in the scenario"
-                if own.whole:
-                    allowed = f"a whole one from 0 to {own.high - 1:g}, the place of one of the scenario's alternatives"
+                    allowed = "one of " + ", ".join(repr(name) for name in own.allowed)
+                elif own.mask:
+                    allowed = f"a whole one from 0 to {own.high:g}, the place of one of the scenario's alternatives"
                 raise ValueError(f"{field} = {value!r} is not allowed; it must be {shapes}, {allowed}.")
             values[i] = array
             if name == "ship":
@@ -386,8 +390,8 @@ class Fleet:
         return np.ascontiguousarray(np.broadcast_to(array, (self.size, width)))
 
     def observe(self) -> npt.NDArray[np.float32]:
-        """The present observation of every simulation, noise included, shape (N, 20)."""
-        observations = np.empty((self.size, observation.SIZE), dtype=np.float32)
+        """The present observation of every simulation, noise included, shape (N, size)."""
+        observations = np.empty((self.size, self.scenario.observation.size), dtype=np.float32)
         paper.look(self._memory.array, observations)
         return observations
 
@@ -405,10 +409,10 @@ class Fleet:
 
         Args:
             actions: Shape (N, 3), float32; clipped to [-1, 1] and scaled by the actuators' limits.
-            observations: Written to, shape (N, 20), float32.
+            observations: Written to, shape (N, size), float32.
             out: Written to, shape (16, N): the measures before any autoreset, in the order of `MEASURE_NAMES`.
             flags: Written to, shape (4, N): terminated, truncated, in the cone, success, before any autoreset.
-            finals: Written to where a simulation ended and began anew in this step, shape (N, 20), float32.
+            finals: Written to where a simulation ended and began anew in this step, shape (N, size), float32.
 
         Returns:
             How many episodes ended in this step.

@@ -26,7 +26,7 @@ from uwoc_gym.compute.records import (
     table_type,
 )
 from uwoc_gym.compute.rng import counter
-from uwoc_gym.parameters import Number, Parameters
+from uwoc_gym.parameters import ChoiceSpec, Number, Parameters
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.task import action, ending, observation, reward
 from uwoc_gym.world.auv import horizontal, sensors
@@ -91,7 +91,7 @@ PULSE_SPEC: Spec = rows(*Pulse.drawn())
 
 BLOCK = block_type(SPEC)
 PULSE = block_type(PULSE_SPEC)
-DRAW = np.dtype([(name, "f8") for name in ("row", "low", "high", "step", "index", "only", "whole")])
+DRAW = np.dtype([(name, "f8") for name in ("row", "low", "high", "step", "index", "only", "mask")])
 """A number to draw: the fields of `Drawn`."""
 
 BLOCK_DOUBLES = BLOCK.itemsize // 8
@@ -143,15 +143,25 @@ class Drawn(NamedTuple):
     counter: tuple[float, float]
     only: int = -1
     """The alternative of the ship's path to which it belongs; −1 for all."""
-    whole: bool = False
-    """Whether what is drawn is a whole number below ``high``: a choice's place."""
+    mask: int = 0
+    """If it is a choice, the places that may be drawn, as bits."""
     options: tuple[str, ...] = ()
-    """What may be chosen, if it is a choice."""
+    """Names of all places; none for the ship's paths, which have only their place."""
+
+    @property
+    def allowed(self) -> tuple[str, ...]:
+        """The names of the places that may be drawn."""
+        return tuple(name for place, name in enumerate(self.options) if self.mask >> place & 1)
 
 
 def _range(value: Number) -> tuple[float, float]:
-    low, high = value if isinstance(value, tuple) else (value, value)
+    low, high = (min(value), max(value)) if isinstance(value, tuple) else (value, value)
     return float(low), float(high)
+
+
+def _mask(places: Any) -> int:
+    """The places of a choice as bits."""
+    return sum(1 << int(place) for place in (places if isinstance(places, tuple) else (places,)))
 
 
 def drawn_numbers(scenario: Scenario) -> list[Drawn]:
@@ -166,7 +176,9 @@ def drawn_numbers(scenario: Scenario) -> list[Drawn]:
         rows_of = {key: first + k for k, key in enumerate(PULSE_SPEC)}
         found += numbers_of(pulse, f"sea.pulses[{i}].", f"sea.pulses[{i}].", rows_of)
     alternatives = scenario.ship_paths
-    found.append(Drawn("ship", ROW["drawn.ship.choice"], 0.0, len(alternatives), counter("ship"), whole=True))
+    last = len(alternatives) - 1
+    everyone = _mask(tuple(range(last + 1)))
+    found.append(Drawn("ship", ROW["drawn.ship.choice"], 0.0, last, counter("ship"), mask=everyone))
     first_segment = 0
     for i, path in enumerate(alternatives):
         place = f"ship[{i}]." if isinstance(scenario.ship, tuple) else "ship."
@@ -181,17 +193,13 @@ def drawn_numbers(scenario: Scenario) -> list[Drawn]:
 def numbers_of(own: Parameters, place: str, name: str, rows_of: dict[str, int], only: int = -1) -> list[Drawn]:
     """The numbers and choices of one component, whose draws hang on ``name``."""
     specs = own.specs()
-    return [
-        Drawn(
-            f"{place}{key}".lstrip("."),
-            rows_of[key],
-            *_range(value),
-            counter(f"{name}{key}".lstrip(".")),
-            only,
-            options=getattr(specs[key], "options", ()),
-        )
-        for key, value in own.drawn_values().items()
-    ]
+    found = []
+    for key, value in own.drawn_values().items():
+        spec = specs[key]
+        choice: dict[str, Any] = {"mask": _mask(value), "options": spec.options} if isinstance(spec, ChoiceSpec) else {}
+        path, draw = (f"{prefix}{key}".lstrip(".") for prefix in (place, name))
+        found.append(Drawn(path, rows_of[key], *_range(value), counter(draw), only, **choice))
+    return found
 
 
 class Memory(NamedTuple):
@@ -224,11 +232,13 @@ def view(array: Array) -> Memory:
 def build(scenario: Scenario, blocks: int, max_steps: int, autoreset: int) -> Memory:
     """The memory of a fleet of that many blocks, with all rows 0."""
     draws = np.array(
-        [(each.row, each.low, each.high, *each.counter, each.only, each.whole) for each in drawn_numbers(scenario)],
+        [(each.row, each.low, each.high, *each.counter, each.only, each.mask) for each in drawn_numbers(scenario)],
         dtype=np.float64,
     )
-    first = ROW["observed.tracking"]
-    observed = np.arange(first, first + observation.SIZE, dtype=np.float64)
+    rows_of = {name: ROW[f"observed.{observation.row_name(name)}"] for name in scenario.observation.groups}
+    observed = np.concatenate(
+        [first + np.arange(len(observation.GROUPS[name]), dtype=np.float64) for name, first in rows_of.items()]
+    )
     splines = np.concatenate([path.segments() for path in scenario.ship_paths])
     draws_at, observed_at, segments_at, blocks_at = np.cumsum(
         [WORLD.itemsize // 8, draws.size, observed.size, splines.size]

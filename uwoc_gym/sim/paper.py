@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from uwoc_gym.compute.compiled import compiled, inlined, subroutine
-from uwoc_gym.compute.elementary import floor
 from uwoc_gym.compute.records import LANES, STRIDE
 from uwoc_gym.compute.rng import STREAM, draw
 from uwoc_gym.sim.layout import (
@@ -65,10 +64,24 @@ def _draw_numbers(memory, world, s, b, j, alternative) -> None:
             value = alternative
         elif own.low < own.high:
             u, _, _, _ = draw(b, j, STREAM, own.step, own.index)
-            value = own.low + (own.high - own.low) * u
-            if own.whole > 0.0:
-                value = floor(value)
+            value = _pick_place(int(own.mask), u) if own.mask > 0.0 else own.low + (own.high - own.low) * u
         s[row * STRIDE + j] = value
+
+
+@inlined
+def _pick_place(mask, u):
+    """The place of one of the bits that are set, all alike."""
+    count = 0
+    bits = mask
+    while bits > 0:
+        count += bits & 1
+        bits >>= 1
+    wanted = int(u * count)
+    place = -1
+    while wanted >= 0:
+        place += 1
+        wanted -= (mask >> place) & 1
+    return float(place)
 
 
 @subroutine
@@ -111,8 +124,12 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
     period = world.episode.control_period_s
     h = world.episode.step_s
     substeps = int(world.episode.substeps)
-    for j in range(lanes):
-        action.take(b, j, numbers, action.SIZE * (first_lane + j))
+    if world.scenario.action == action.WRENCH:
+        for j in range(lanes):
+            action.take_wrench(b, j, numbers, first_lane + j)
+    else:
+        for j in range(lanes):
+            action.take_surge_yaw(b, j, numbers, first_lane + j)
     for j in range(lanes):
         horizontal.actuate(b, j, world)
 
@@ -183,6 +200,9 @@ def _observe(memory, world, s, b, first, last, entries, first_lane) -> None:
             sensors.see_exactly(b, j)
     for j in range(first, last):
         observation.observe(b, j, world)
+    if world.observation.time > 0.0:
+        for j in range(first, last):
+            observation.observe_time(b, j, world)
     active = memory[int(world.layout.observed) : int(world.layout.segments)]
     for k in range(active.size):
         row = int(active[k]) * STRIDE

@@ -1,16 +1,20 @@
-"""What an agent does: the names of its actions, and how they reach the AUV."""
+"""What an agent does: the kinds of action that a scenario chooses from, and how they reach the AUV."""
 
 from __future__ import annotations
 
 from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.compute.records import rows
 
-NAMES = ("surge force", "sway force", "yaw moment")
-SIZE = len(NAMES)
-"""Length of the action vector."""
+KINDS: dict[str, tuple[str, ...]] = {
+    "wrench": ("surge force", "sway force", "yaw moment"),
+    "surge-yaw": ("surge force", "yaw moment"),
+}
+"""The names of each kind's actions, which are shares of the actuators' limits in [-1, 1]."""
+
+WRENCH, SURGE_YAW = (float(place) for place in range(len(KINDS)))
 
 STATE = rows("surge", "sway", "yaw")
-"""The clipped action of the last control period."""
+"""The clipped action of the last control period; 0 where the kind has none."""
 
 
 @inlined
@@ -22,8 +26,21 @@ def begin(b, j) -> None:
 
 
 @inlined
-def take(b, j, numbers, first) -> None:
-    """Take the lane's action from ``numbers[first:]``, clipped."""
-    b.action.surge[j] = min(max(float(numbers[first]), -1.0), 1.0)
-    b.action.sway[j] = min(max(float(numbers[first + 1]), -1.0), 1.0)
-    b.action.yaw[j] = min(max(float(numbers[first + 2]), -1.0), 1.0)
+def _clipped(number):
+    return min(max(float(number), -1.0), 1.0)
+
+
+@inlined
+def take_wrench(b, j, numbers, place) -> None:
+    """Take three numbers from the ``place``-th three on."""
+    b.action.surge[j] = _clipped(numbers[3 * place])
+    b.action.sway[j] = _clipped(numbers[3 * place + 1])
+    b.action.yaw[j] = _clipped(numbers[3 * place + 2])
+
+
+@inlined
+def take_surge_yaw(b, j, numbers, place) -> None:
+    """Take two numbers; there is no force to the side."""
+    b.action.surge[j] = _clipped(numbers[2 * place])
+    b.action.sway[j] = 0.0
+    b.action.yaw[j] = _clipped(numbers[2 * place + 1])

@@ -1,11 +1,13 @@
-"""The observation vector: names, units, scales and bounds of its entries, and how to read it.
+"""The observation vector: groups of entries that a scenario chooses from, their units, scales and bounds, and how to
+read it.
 
-Entries are measured values divided by a scale, in the AUV's body frame, clipped to ±5 scales. They hold all that the
-scripted controllers need, so that scripted and learned policies see the same thing, noise included.
+Entries are measured values divided by a scale, in the AUV's body frame, clipped to ±5 scales. The standard groups hold
+all that the scripted controllers need, so that scripted and learned policies see the same thing, noise included.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,37 +17,12 @@ import numpy.typing as npt
 from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.compute.elementary import fma
 from uwoc_gym.compute.records import rows
-from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.parameters import NumberSpec, Parameters, names, number
 
 Array = npt.NDArray[np.float64]
 
 LIMIT = 5.0
 """Bound of the scaled entries."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObservationSettings(Parameters):
-    """Scales of the observation's entries: an entry is the physical value divided by its scale."""
-
-    position_scale_m: float = number(4.0, "m", "scale of relative position", positive=True, randomisable=False)
-    velocity_scale_mps: float = number(1.0, "m/s", "scale of velocities", positive=True, randomisable=False)
-    yaw_rate_scale_rad_s: float = number(1.0, "rad/s", "scale of yaw rates", positive=True, randomisable=False)
-    acceleration_scale_mps2: float = number(
-        0.5, "m/s^2", "scale of the ship's acceleration", positive=True, randomisable=False
-    )
-    yaw_acceleration_scale_rad_s2: float = number(
-        0.5, "rad/s^2", "scale of the ship's yaw acceleration", positive=True, randomisable=False
-    )
-
-    def derived(self) -> dict[str, float]:
-        """What entries are multiplied with."""
-        return {
-            "per_position": 1.0 / self.position_scale_m,
-            "per_velocity": 1.0 / self.velocity_scale_mps,
-            "per_yaw_rate": 1.0 / self.yaw_rate_scale_rad_s,
-            "per_acceleration": 1.0 / self.acceleration_scale_mps2,
-            "per_yaw_acceleration": 1.0 / self.yaw_acceleration_scale_rad_s2,
-        }
 
 
 class Entry(NamedTuple):
@@ -62,96 +39,173 @@ class Entry(NamedTuple):
 _POSITION, _VELOCITY, _YAW_RATE = "position_scale_m", "velocity_scale_mps", "yaw_rate_scale_rad_s"
 _ACCELERATION, _YAW_ACCELERATION = "acceleration_scale_mps2", "yaw_acceleration_scale_rad_s2"
 
-ENTRIES: tuple[Entry, ...] = (
-    Entry("ship position ahead", "m", -LIMIT, LIMIT, _POSITION),
-    Entry("ship position to starboard", "m", -LIMIT, LIMIT, _POSITION),
-    Entry("cosine of ship heading relative to AUV", "1", -1.0, 1.0, ""),
-    Entry("sine of ship heading relative to AUV", "1", -1.0, 1.0, ""),
-    Entry("ship velocity relative to AUV, ahead", "m/s", -LIMIT, LIMIT, _VELOCITY),
-    Entry("ship velocity relative to AUV, to starboard", "m/s", -LIMIT, LIMIT, _VELOCITY),
-    Entry("ship yaw rate relative to AUV", "rad/s", -LIMIT, LIMIT, _YAW_RATE),
-    Entry("surge velocity", "m/s", -LIMIT, LIMIT, _VELOCITY),
-    Entry("sway velocity", "m/s", -LIMIT, LIMIT, _VELOCITY),
-    Entry("yaw rate", "rad/s", -LIMIT, LIMIT, _YAW_RATE),
-    Entry("ship acceleration ahead", "m/s^2", -LIMIT, LIMIT, _ACCELERATION),
-    Entry("ship acceleration to starboard", "m/s^2", -LIMIT, LIMIT, _ACCELERATION),
-    Entry("ship yaw acceleration", "rad/s^2", -LIMIT, LIMIT, _YAW_ACCELERATION),
-    Entry("cosine of own heading", "1", -1.0, 1.0, ""),
-    Entry("sine of own heading", "1", -1.0, 1.0, ""),
-    Entry("last action, surge", "1", -1.0, 1.0, ""),
-    Entry("last action, sway", "1", -1.0, 1.0, ""),
-    Entry("last action, yaw", "1", -1.0, 1.0, ""),
-    Entry("bit rate, log scale from threshold to on-axis", "1", 0.0, 1.0, ""),
-    Entry("inside the cone", "1", 0.0, 1.0, ""),
-)
-SIZE = len(ENTRIES)
-"""Length of the observation vector."""
+GROUPS: dict[str, tuple[Entry, ...]] = {
+    "ship": (
+        Entry("ship position ahead", "m", -LIMIT, LIMIT, _POSITION),
+        Entry("ship position to starboard", "m", -LIMIT, LIMIT, _POSITION),
+        Entry("cosine of ship heading relative to AUV", "1", -1.0, 1.0, ""),
+        Entry("sine of ship heading relative to AUV", "1", -1.0, 1.0, ""),
+        Entry("ship velocity relative to AUV, ahead", "m/s", -LIMIT, LIMIT, _VELOCITY),
+        Entry("ship velocity relative to AUV, to starboard", "m/s", -LIMIT, LIMIT, _VELOCITY),
+        Entry("ship yaw rate relative to AUV", "rad/s", -LIMIT, LIMIT, _YAW_RATE),
+    ),
+    "velocity": (
+        Entry("surge velocity", "m/s", -LIMIT, LIMIT, _VELOCITY),
+        Entry("sway velocity", "m/s", -LIMIT, LIMIT, _VELOCITY),
+        Entry("yaw rate", "rad/s", -LIMIT, LIMIT, _YAW_RATE),
+    ),
+    "ship-acceleration": (
+        Entry("ship acceleration ahead", "m/s^2", -LIMIT, LIMIT, _ACCELERATION),
+        Entry("ship acceleration to starboard", "m/s^2", -LIMIT, LIMIT, _ACCELERATION),
+        Entry("ship yaw acceleration", "rad/s^2", -LIMIT, LIMIT, _YAW_ACCELERATION),
+    ),
+    "heading": (
+        Entry("cosine of own heading", "1", -1.0, 1.0, ""),
+        Entry("sine of own heading", "1", -1.0, 1.0, ""),
+    ),
+    "last-action": (
+        Entry("last action, surge", "1", -1.0, 1.0, ""),
+        Entry("last action, sway", "1", -1.0, 1.0, ""),
+        Entry("last action, yaw", "1", -1.0, 1.0, ""),
+    ),
+    "link": (
+        Entry("bit rate, log scale from threshold to on-axis", "1", 0.0, 1.0, ""),
+        Entry("inside the cone", "1", 0.0, 1.0, ""),
+    ),
+    "time": (Entry("share of the episode gone", "1", 0.0, 1.0, ""),),
+}
+"""What can be observed: the entries of each group."""
 
-OBSERVED = rows(tracking=(SIZE,))
-
-(
-    SHIP_AHEAD, SHIP_STARBOARD, SHIP_HEADING_COS, SHIP_HEADING_SIN,
-    RELATIVE_AHEAD, RELATIVE_STARBOARD, RELATIVE_YAW_RATE,
-    OWN_SURGE, OWN_SWAY, OWN_YAW_RATE,
-    SHIP_ACCELERATION_AHEAD, SHIP_ACCELERATION_STARBOARD, SHIP_ACCELERATION_YAW,
-    OWN_HEADING_COS, OWN_HEADING_SIN,
-    LAST_SURGE, LAST_SWAY, LAST_YAW, LINK_LEVEL, LINK_IN_CONE,
-) = range(SIZE)  # fmt: skip
+STANDARD = ("ship", "velocity", "ship-acceleration", "heading", "last-action", "link")
+"""The groups of the registered environments."""
 
 
-def scales(settings: ObservationSettings) -> Array:
-    """The scale of each entry in SI units, shape (20,); 1 for entries without one."""
-    return np.array([getattr(settings, entry.scale) if entry.scale else 1.0 for entry in ENTRIES])
+def row_name(group: str) -> str:
+    """The name of a group's rows in a block's record."""
+    return group.replace("-", "_")
+
+
+OBSERVED = rows(**{row_name(name): (len(entries),) for name, entries in GROUPS.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationSettings(Parameters):
+    """What is observed, and the scales: an entry is the physical value divided by its scale."""
+
+    groups: tuple[str, ...] = names(STANDARD, tuple(GROUPS), "groups of entries that are observed, in their order")
+    position_scale_m: float = number(4.0, "m", "scale of relative position", positive=True, randomisable=False)
+    velocity_scale_mps: float = number(1.0, "m/s", "scale of velocities", positive=True, randomisable=False)
+    yaw_rate_scale_rad_s: float = number(1.0, "rad/s", "scale of yaw rates", positive=True, randomisable=False)
+    acceleration_scale_mps2: float = number(
+        0.5, "m/s^2", "scale of the ship's acceleration", positive=True, randomisable=False
+    )
+    yaw_acceleration_scale_rad_s2: float = number(
+        0.5, "rad/s^2", "scale of the ship's yaw acceleration", positive=True, randomisable=False
+    )
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The entries of the observation vector, in their order."""
+        return tuple(entry for name in self.groups for entry in GROUPS[name])
+
+    @property
+    def size(self) -> int:
+        """Length of the observation vector."""
+        return len(self.entries)
+
+    @property
+    def scales(self) -> dict[str, float]:
+        """The scales by name."""
+        return {name: self.value(name) for name, spec in self.specs().items() if isinstance(spec, NumberSpec)}
+
+    @property
+    def entry_scales(self) -> Array:
+        """The scale of each entry in SI units, shape (size,); 1 for entries without one."""
+        return np.array([self.scales[entry.scale] if entry.scale else 1.0 for entry in self.entries])
+
+    def place(self, entry: str) -> int | None:
+        """Where the entry of that name stands in the observation vector; None if it isn't observed."""
+        own = [each.name for each in self.entries]
+        return own.index(entry) if entry in own else None
+
+    def derived(self) -> dict[str, float]:
+        """What entries are multiplied with, and whether the time is observed."""
+        return {
+            "time": "time" in self.groups,
+            "per_position": 1.0 / self.position_scale_m,
+            "per_velocity": 1.0 / self.velocity_scale_mps,
+            "per_yaw_rate": 1.0 / self.yaw_rate_scale_rad_s,
+            "per_acceleration": 1.0 / self.acceleration_scale_mps2,
+            "per_yaw_acceleration": 1.0 / self.yaw_acceleration_scale_rad_s2,
+        }
 
 
 class Measured(NamedTuple):
-    """What an observation says, in SI units; the leading axes are those of the observation."""
+    """What an observation says, in SI units; the leading axes are those of the observation.
 
-    relative_position: Array
+    Of groups that the scenario leaves out, entries are None.
+    """
+
+    relative_position: Array | None = None
     """Ship's position relative to the AUV in the AUV's body frame, (..., 2) [m]."""
-    yaw_error: Array
+    yaw_error: Array | None = None
     """Ship's heading minus the AUV's, in (-π, π], (...) [rad]."""
-    relative_velocity: Array
+    relative_velocity: Array | None = None
     """Ship's velocity minus the AUV's in the AUV's body frame, and of yaw, (..., 3) [m/s, m/s, rad/s]."""
-    velocity: Array
+    velocity: Array | None = None
     """The AUV's surge, sway and yaw rate, (..., 3) [m/s, m/s, rad/s]."""
-    ship_acceleration: Array
+    ship_acceleration: Array | None = None
     """The ship's acceleration in the AUV's body frame, and of yaw, (..., 3) [m/s², m/s², rad/s²]."""
-    heading: Array
+    heading: Array | None = None
     """Cosine and sine of the AUV's yaw, (..., 2)."""
-    last_action: Array
-    """The action applied in the last step, (..., 3)."""
-    link_level: Array
+    last_action: Array | None = None
+    """The action applied in the last step, along surge, along sway and about yaw, (..., 3)."""
+    link_level: Array | None = None
     """Bit rate on a log scale, 0 at the cone's threshold or below, 1 on the axis, (...)."""
-    in_cone: Array
+    in_cone: Array | None = None
     """1 inside the cone, else 0, (...)."""
+    elapsed: Array | None = None
+    """Share of the episode gone, (...)."""
+
+
+_READ: dict[str, Callable[[Array], dict[str, Array]]] = {
+    "ship": lambda x: {
+        "relative_position": x[..., 0:2],
+        "yaw_error": np.arctan2(x[..., 3], x[..., 2]),
+        "relative_velocity": x[..., 4:7],
+    },
+    "velocity": lambda x: {"velocity": x},
+    "ship-acceleration": lambda x: {"ship_acceleration": x},
+    "heading": lambda x: {"heading": x},
+    "last-action": lambda x: {"last_action": x},
+    "link": lambda x: {"link_level": x[..., 0], "in_cone": x[..., 1]},
+    "time": lambda x: {"elapsed": x[..., 0]},
+}
+"""How a group's entries, in SI units, are read."""
 
 
 def unpack(observation: npt.ArrayLike, settings: ObservationSettings | None = None) -> Measured:
-    """Read an observation of shape (..., 20).
+    """Read an observation.
 
     Args:
-        observation: One observation or an array of them.
-        settings: The scales that made it, by default those of the registered environments.
+        observation: One observation or an array of them, shape (..., size).
+        settings: The groups and scales that made it, by default those of the registered environments, of size 20.
 
     Raises:
-        ValueError: The last axis isn't 20 long.
+        ValueError: The last axis has another size.
     """
+    own = settings or ObservationSettings()
     obs = np.asarray(observation, dtype=np.float64)
-    if obs.ndim == 0 or obs.shape[-1] != SIZE:
-        raise ValueError(f"observation has shape {obs.shape}; its last axis must be {SIZE} long.")
-    si = obs * scales(settings or ObservationSettings())
-    return Measured(
-        relative_position=si[..., SHIP_AHEAD : SHIP_STARBOARD + 1],
-        yaw_error=np.arctan2(si[..., SHIP_HEADING_SIN], si[..., SHIP_HEADING_COS]),
-        relative_velocity=si[..., RELATIVE_AHEAD : RELATIVE_YAW_RATE + 1],
-        velocity=si[..., OWN_SURGE : OWN_YAW_RATE + 1],
-        ship_acceleration=si[..., SHIP_ACCELERATION_AHEAD : SHIP_ACCELERATION_YAW + 1],
-        heading=si[..., OWN_HEADING_COS : OWN_HEADING_SIN + 1],
-        last_action=si[..., LAST_SURGE : LAST_YAW + 1],
-        link_level=si[..., LINK_LEVEL],
-        in_cone=si[..., LINK_IN_CONE],
-    )
+    if obs.ndim == 0 or obs.shape[-1] != own.size:
+        raise ValueError(f"observation has shape {obs.shape}; its last axis must be {own.size} long.")
+    si = obs * own.entry_scales
+    found: dict[str, Array] = {}
+    first = 0
+    for name in own.groups:
+        last = first + len(GROUPS[name])
+        found |= _READ[name](si[..., first:last])
+        first = last
+    return Measured(**found)
 
 
 @inlined
@@ -166,9 +220,9 @@ def _within_one(value: float) -> float:
 
 @inlined
 def observe(b, j, world) -> None:
-    """What the sensors say, scaled and clipped."""
+    """What the sensors say, scaled and clipped: the entries of all standard groups, in their order."""
     scale = world.observation
-    noise, ship, o = b.sensors, b.ship, b.observed.tracking
+    noise, ship, o = b.sensors, b.ship, b.observed
     p, v, w = scale.per_position, scale.per_velocity, scale.per_yaw_rate
     a, c = scale.per_acceleration, scale.per_yaw_acceleration
     cosine = noise.cos[j]
@@ -181,23 +235,29 @@ def observe(b, j, world) -> None:
     vx, vy = ship.vx[j], ship.vy[j]
     ax, ay = ship.ax[j], ship.ay[j]
     ship_cos, ship_sin = ship.cos[j], ship.sin[j]
-    o[SHIP_AHEAD, j] = _limited(p * fma(cosine, dx, sine * dy))
-    o[SHIP_STARBOARD, j] = _limited(p * fma(cosine, dy, -(sine * dx)))
-    o[SHIP_HEADING_COS, j] = _within_one(fma(ship_cos, cosine, ship_sin * sine))
-    o[SHIP_HEADING_SIN, j] = _within_one(fma(ship_sin, cosine, -(ship_cos * sine)))
-    o[RELATIVE_AHEAD, j] = _limited(v * (fma(cosine, vx, sine * vy) - surge))
-    o[RELATIVE_STARBOARD, j] = _limited(v * (fma(cosine, vy, -(sine * vx)) - sway))
-    o[RELATIVE_YAW_RATE, j] = _limited(w * (ship.yaw_rate[j] - rate))
-    o[OWN_SURGE, j] = _limited(v * surge)
-    o[OWN_SWAY, j] = _limited(v * sway)
-    o[OWN_YAW_RATE, j] = _limited(w * rate)
-    o[SHIP_ACCELERATION_AHEAD, j] = _limited(a * fma(cosine, ax, sine * ay))
-    o[SHIP_ACCELERATION_STARBOARD, j] = _limited(a * fma(cosine, ay, -(sine * ax)))
-    o[SHIP_ACCELERATION_YAW, j] = _limited(c * ship.yaw_acceleration[j])
-    o[OWN_HEADING_COS, j] = _within_one(cosine)
-    o[OWN_HEADING_SIN, j] = _within_one(sine)
-    o[LAST_SURGE, j] = b.action.surge[j]
-    o[LAST_SWAY, j] = b.action.sway[j]
-    o[LAST_YAW, j] = b.action.yaw[j]
-    o[LINK_LEVEL, j] = b.link.level[j]
-    o[LINK_IN_CONE, j] = b.measure.in_cone[j]
+    o.ship[0, j] = _limited(p * fma(cosine, dx, sine * dy))
+    o.ship[1, j] = _limited(p * fma(cosine, dy, -(sine * dx)))
+    o.ship[2, j] = _within_one(fma(ship_cos, cosine, ship_sin * sine))
+    o.ship[3, j] = _within_one(fma(ship_sin, cosine, -(ship_cos * sine)))
+    o.ship[4, j] = _limited(v * (fma(cosine, vx, sine * vy) - surge))
+    o.ship[5, j] = _limited(v * (fma(cosine, vy, -(sine * vx)) - sway))
+    o.ship[6, j] = _limited(w * (ship.yaw_rate[j] - rate))
+    o.velocity[0, j] = _limited(v * surge)
+    o.velocity[1, j] = _limited(v * sway)
+    o.velocity[2, j] = _limited(w * rate)
+    o.ship_acceleration[0, j] = _limited(a * fma(cosine, ax, sine * ay))
+    o.ship_acceleration[1, j] = _limited(a * fma(cosine, ay, -(sine * ax)))
+    o.ship_acceleration[2, j] = _limited(c * ship.yaw_acceleration[j])
+    o.heading[0, j] = _within_one(cosine)
+    o.heading[1, j] = _within_one(sine)
+    o.last_action[0, j] = b.action.surge[j]
+    o.last_action[1, j] = b.action.sway[j]
+    o.last_action[2, j] = b.action.yaw[j]
+    o.link[0, j] = b.link.level[j]
+    o.link[1, j] = b.measure.in_cone[j]
+
+
+@inlined
+def observe_time(b, j, world) -> None:
+    """How much of the episode is gone."""
+    b.observed.time[0, j] = b.clock.step[j] / world.episode.max_steps

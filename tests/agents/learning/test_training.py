@@ -275,9 +275,11 @@ def test_an_agent_of_another_layout_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CommandError, match="another observation layout"):
         agents.load(str(out), scaled)
     described = json.loads((out / "agent.json").read_text())
-    described["observation"]["entries"] = described["observation"]["entries"][:-1]
+    described["observation"]["entries"][-1] = "depth"
     (out / "agent.json").write_text(json.dumps(described))
-    with pytest.raises(CommandError, match="another observation layout: 19 entries where this version has 20"):
+    with pytest.raises(
+        CommandError, match="20 entries where the scenario has 20, without 'inside the cone', with 'depth'"
+    ):
         agents.load(str(out))
     (out / "agent.json").write_text("{}")
     with pytest.raises(CommandError, match="doesn't describe an agent"):

@@ -66,7 +66,7 @@ def test_a_snapshot_is_read_by_name(fly):
     flight.step(0.5, 3)
     rows = flight.fleet.snapshot()
     np.testing.assert_array_equal(rows["auv"]["x"], flight.fleet.state()["pose"][:, 0])
-    np.testing.assert_array_equal(rows["observed"]["tracking"].astype(np.float32), flight.observations)
+    np.testing.assert_array_equal(rows["observed"]["ship"].astype(np.float32), flight.observations[:, :7])
     np.testing.assert_array_equal(rows["pulses"]["pulse_1"]["start_s"], flight.fleet.drawn()["sea.pulses[1].start_s"])
 
 

@@ -245,7 +245,7 @@ class OpticalLink(Parameters):
     def background_power(self, range_m: npt.ArrayLike, pointing_error_rad: npt.ArrayLike) -> float | Array:
         """Solar power on the detector P_b [W], in the form chosen by ``background`` (paper, eqs. 8 and 9)."""
         d, angle = _geometry(range_m, pointing_error_rad)
-        if self.background == "surface":
+        if self.option("background") == "surface":
             irradiance = np.full_like(d, self.value("solar_irradiance_w_per_m2_nm"))
             area: npt.ArrayLike = self.value("detector_area_m2")
         else:
@@ -297,7 +297,9 @@ class OpticalLink(Parameters):
         at_one_metre = np.asarray(self.snr(1.0, angle, 1.0)) / inverse_q_function(self.target_ber) ** 2
         lit = at_one_metre > 0.0
         excess = np.log(np.where(lit, at_one_metre, 1.0)) - np.log(wanted)
-        slopes = _log_rate_slopes(self.lambertian_order, self.value("attenuation_per_m"), self.background == "surface")
+        slopes = _log_rate_slopes(
+            self.lambertian_order, self.value("attenuation_per_m"), self.option("background") == "surface"
+        )
         reachable = lit & (wanted <= (math.inf if self.max_bit_rate_bps is None else self.max_bit_rate_bps))
         return _like_input(np.where(reachable, np.exp(_solve_log_range(excess, slopes[0], slopes[1])), 0.0))
 

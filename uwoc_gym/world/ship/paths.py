@@ -22,7 +22,7 @@ from uwoc_gym.compute.compiled import compiled, inlined
 from uwoc_gym.compute.elementary import atan2, floor, fma, sincos
 from uwoc_gym.compute.records import CLOCK, block_type, rows
 from uwoc_gym.compute.rng import draw, key_from_seed
-from uwoc_gym.parameters import Number, Parameters, SettingError, choice, number, samples
+from uwoc_gym.parameters import ChoiceSpec, Number, Parameters, SettingError, choice, number, samples
 
 Array = npt.NDArray[np.float64]
 
@@ -74,14 +74,15 @@ class ShipPath(Parameters):
             seed: Fixes what a random path draws.
 
         Raises:
-            SettingError: A number of the path is a range.
+            SettingError: A number of the path is a range, or a choice one of several.
             ValueError: A time lies outside the path.
         """
         times = np.atleast_1d(np.asarray(time_s, dtype=float))
         if not (np.isfinite(times) & (times >= 0.0) & (times <= self.end_time_s)).all():
             raise ValueError(f"time_s must lie in [0, {self.end_time_s:g}] [s].")
-        for name, _ in self.numbers():
-            self.value(name)
+        specs = self.specs()
+        for name in self.drawn():
+            _ = self.option(name) if isinstance(specs[name], ChoiceSpec) else self.value(name)
         state = np.zeros(_ALONE.itemsize // 8)
         block = state.view(_ALONE)[0]
         for name, value in {**self.drawn_values(), **further_numbers(self, 0)}.items():
