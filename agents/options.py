@@ -79,7 +79,11 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_scenario_arguments(
-    parser: argparse.ArgumentParser, default: str | list[str] | None, prefix: str = "", many: bool = False
+    parser: argparse.ArgumentParser,
+    default: str | list[str] | None,
+    prefix: str = "",
+    many: bool = False,
+    option: str = "--scenario",
 ) -> None:
     """Add the options that say a scenario, or several.
 
@@ -88,11 +92,12 @@ def add_scenario_arguments(
         default: What is flown if nothing is said.
         prefix: Goes before the help on ``--scenario``.
         many: Whether there may be several, which all get the same changes.
+        option: What says it: "--scenario", or "SCENARIO" for a word without an option, which may be left out.
     """
     usual = "all environment IDs" if many else default
     parser.add_argument(
-        "--scenario",
-        nargs="+" if many else None,
+        option.lower(),
+        nargs="+" if many else None if option.startswith("-") else "?",
         default=default,
         metavar="SCENARIO",
         help=f"{prefix}a name, an environment ID or a .json file with a whole scenario, or with changes to the one "

@@ -31,18 +31,19 @@ class Said(NamedTuple):
     """With the changes."""
 
 
-def said(scenario: str, override: str | None = None) -> Said:
+def said(scenario: str, override: str | None = None, option: str = "--scenario") -> Said:
     """The scenario that options name.
 
     Args:
         scenario: A name, an environment ID or the path of a .json file: with every setting of the top level, or with
             "base", the name of the scenario that the rest of it changes.
         override: Further changes: a JSON object or the path of a .json file with one.
+        option: What said the scenario, which errors about it begin with.
 
     Raises:
         CommandError: There is no such scenario, a file leaves out settings without a base, or a change isn't allowed.
     """
-    with naming("--scenario"):
+    with naming(option):
         found = _read(scenario)
     if override is None:
         return found
