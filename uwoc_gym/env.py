@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.sim import paper
 from uwoc_gym.sim.fleet import Autoreset, Fleet
-from uwoc_gym.sim.layout import MEASURE_NAMES
+from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES, info_names
 from uwoc_gym.spaces import (
     FRAME,
     Described,
@@ -27,8 +30,8 @@ from uwoc_gym.spaces import (
 Observation = npt.NDArray[np.float32]
 
 _REWARD, _TERMINATED, _TRUNCATED = (MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated"))
+step_one: Any = paper.step_one
 _FLOAT32 = np.dtype(np.float32)
-_STRIDES = (_FLOAT32.itemsize,)
 _LANE = np.zeros(1, dtype=np.int64)
 
 
@@ -177,7 +180,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         self._running = False
         self._action_shape = (len(self.scenario.actions),)
         self._observation_size = self.scenario.observation.size
-        self._step_fleet = self._fleet.stepper()
+        self._read_fleet()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -203,14 +206,15 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             self._fleet.seed(_LANE, [fresh])
         if wanted is not self._fleet.scenario:
             self._fleet.configure(wanted)
-            self._step_fleet = self._fleet.stepper()
+            self._read_fleet()
         observation = np.empty((1, self._observation_size), dtype=np.float32)
         self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"), given.get("parameters"))
+        if not step_one.signatures:
+            self._compile_step()
         self._running = True
         if self.render_mode is not None:
             self._begin_pictures()
-        values = self._fleet.single.tolist()
-        return observation[0], _info(values)
+        return observation[0], self._info(self._measures())
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply an action, of shape (3,) unless the scenario's kind is another, for one control period.
@@ -221,23 +225,26 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         """
         if not self._running:
             raise gym.error.ResetNeeded("the episode has ended or not begun; call reset() before step().")
-        # At a few microseconds a step every attribute counts; anything but the usual array takes the slower way.
-        if (
-            action.__class__ is not np.ndarray
-            or action.dtype is not _FLOAT32
-            or action.shape != self._action_shape
-            or action.strides != _STRIDES
-        ):
+        observation = np.empty(self._observation_size, _FLOAT32)
+        # At a few microseconds a step every look at the action counts: what isn't the usual array is refused by
+        # compiled code, and then takes the slower way.
+        try:
+            status = step_one(self._memory, action, observation)
+        except (TypeError, ValueError):
+            status = paper.WRONG_SIZE
+        if status:
             action = self._as_action(action)
-        observation = np.empty(self._observation_size, dtype=_FLOAT32)
-        values = self._step_fleet(action, observation)
+            status = step_one(self._memory, action, observation)
+            if status:
+                self._fleet.refuse(status, action.reshape(1, -1))
+        values = self._measures()
         terminated = values[_TERMINATED] > 0.0
         truncated = values[_TRUNCATED] > 0.0
         if self.render_mode is not None:
             truncated = self._picture() or truncated
         if terminated or truncated:
             self._running = False
-        return observation, values[_REWARD], terminated, truncated, _info(values)
+        return observation, values[_REWARD], terminated, truncated, self._info(values)
 
     def _as_action(self, action: Any) -> Observation:
         try:
@@ -247,7 +254,20 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         if array.shape != self._action_shape:
             count = self._action_shape[0]
             raise ValueError(f"action {action!r} is not allowed; it must be {count} numbers, shape ({count},).")
-        return np.ascontiguousarray(array)
+        # Of the type that is compiled for: contiguous, and not read-only.
+        return np.array(array, order="C")
+
+    def _compile_step(self) -> None:
+        """Compile the step for the arrays that it is meant for, and for no others."""
+        nothing = np.full(self._action_shape, np.nan, dtype=_FLOAT32)
+        step_one(self._memory, nothing, np.empty(self._observation_size, _FLOAT32))
+        step_one.disable_compile()
+
+    def _read_fleet(self) -> None:
+        """Keep at hand what every step needs of the fleet, until it is configured anew."""
+        self._memory = self._fleet.memory
+        self._measures: Callable[[], list[float]] = self._fleet.single.tolist
+        self._info = _info_maker(info_names(self._fleet.scenario))
 
     def state(self) -> dict[str, Any]:
         """The true state by name.
@@ -362,30 +382,28 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
 
     def __getstate__(self) -> dict[str, Any]:
         # Pictures belong to the process that draws them.
-        return {**self.__dict__, "_step_fleet": None, "renderer": None, "_window": None}
+        unlike = {"renderer": None, "_window": None, "_memory": None, "_measures": None, "_info": None}
+        return {**self.__dict__, **unlike}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._step_fleet = self._fleet.stepper()
+        self._read_fleet()
 
 
-def _info(values: list[float]) -> dict[str, Any]:
-    """The info of one step from the fleet's measures; a dict display, since this runs at every step."""
-    rate, snr, ber, range_m, pointing, in_cone, cost, term_rate, term_cone, position, heading, effort, success = values[
-        :13
+@lru_cache
+def _info_maker(names: tuple[str, ...]) -> Callable[[list[float]], dict[str, Any]]:
+    """A function that makes the info of one step from the fleet's measures.
+
+    It is written out from the names as one dict display: anything else takes twice as long at every step.
+    """
+    values = [f"v{i}" for i in range(len(MEASURE_NAMES))]
+    shown = [
+        f"{name!r}: {values[i]}{' > 0.0' if name in FLAGS else ''}"
+        for i, name in enumerate(MEASURE_NAMES)
+        if name in names
     ]
-    return {
-        "bit_rate_bps": rate,
-        "snr": snr,
-        "ber": ber,
-        "range_m": range_m,
-        "pointing_error_rad": pointing,
-        "in_cone": in_cone > 0.0,
-        "cost": cost,
-        "reward_bit_rate": term_rate,
-        "reward_in_cone": term_cone,
-        "reward_position": position,
-        "reward_heading": heading,
-        "reward_effort": effort,
-        "is_success": success > 0.0,
-    }
+    source = f"def info(values):\n    {', '.join(values)} = values\n    return {{{', '.join(shown)}}}\n"
+    made: dict[str, Any] = {}
+    exec(source, made)
+    maker: Callable[[list[float]], dict[str, Any]] = made["info"]
+    return maker

@@ -10,7 +10,6 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from uwoc_gym.sim.layout import INFO_NAMES
 from uwoc_gym.spaces import ScenarioLike
 from uwoc_gym.vector_env import TrackingVectorEnv
 
@@ -42,9 +41,6 @@ class TrackingVecEnv(VecEnv):
         info_keys: Sequence[str] = (),
         **env_kwargs: Any,
     ) -> None:
-        for key in info_keys:
-            if key not in INFO_NAMES:
-                raise ValueError(f"info_keys has {key!r}, which is not known; allowed are {', '.join(INFO_NAMES)}.")
         if scenario is not None:
             env_kwargs["scenario"] = scenario
         refusal = f"env_id = {env_id!r} is not allowed; it must be an ID whose vector env is TrackingVectorEnv."
@@ -61,6 +57,10 @@ class TrackingVecEnv(VecEnv):
         if not isinstance(made.unwrapped, TrackingVectorEnv):
             raise ValueError(refusal)
         self.vector_env = made.unwrapped
+        known = self.vector_env.info_names
+        for key in info_keys:
+            if key not in known:
+                raise ValueError(f"info_keys has {key!r}, which is not known; allowed are {', '.join(known)}.")
         self._info_keys = tuple(info_keys)
         self._actions: Any = None
         super().__init__(n_envs, self.vector_env.single_observation_space, self.vector_env.single_action_space)

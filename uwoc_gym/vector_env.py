@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from uwoc_gym.sim.fleet import Autoreset, Fleet
-from uwoc_gym.sim.layout import FLAGS, INFO_NAMES, MEASURE_NAMES
+from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES, info_names
 from uwoc_gym.spaces import (
     FRAME,
     Described,
@@ -100,7 +100,10 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         self._same_step = mode is AutoresetMode.SAME_STEP
         self._all = np.ones(self.num_envs, dtype=bool)
         self._all.flags.writeable = False
-        self._masks: dict[str, Any] = {f"_{name}": self._all for name in INFO_NAMES}
+        self.info_names = info_names(self.scenario)
+        """Keys of `info` at every step."""
+        self._shown = [(name, MEASURE_NAMES.index(name)) for name in self.info_names]
+        self._masks: dict[str, Any] = {f"_{name}": self._all for name in self.info_names}
         self._begun = False
         self._action_size = len(self.scenario.actions)
         self._observation_size = self.scenario.observation.size
@@ -140,7 +143,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             self._begin_pictures(lanes)
         infos = self._present_infos()
         if not mask.all():
-            infos |= {f"_{name}": mask.copy() for name in INFO_NAMES}
+            infos |= {f"_{name}": mask.copy() for name in self.info_names}
         return observations, infos
 
     def _reset_mask(self, mask: Any) -> npt.NDArray[np.bool_]:
@@ -194,6 +197,9 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             given = np.ascontiguousarray(actions, dtype=np.float32)
         except (TypeError, ValueError):
             raise ValueError(f"actions {actions!r} are not allowed; they must be numbers.") from None
+        if not given.flags.writeable:
+            # Numba compiles anew for arrays that can't be written to.
+            given = given.copy()
         if given.shape != (self.num_envs, self._action_size):
             raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {self._action_size}).")
         observations = np.empty((self.num_envs, self._observation_size), dtype=np.float32)
@@ -207,7 +213,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         if not ends or finals is None:
             return observations, out[_REWARD], terminated, truncated, self._infos(out, in_cone, success)
         ended = terminated | truncated
-        final = self._infos(out, in_cone, success) | {f"_{name}": ended for name in INFO_NAMES}
+        final = self._infos(out, in_cone, success) | {f"_{name}": ended for name in self.info_names}
         infos = self._present_infos()
         infos["final_obs"] = _object_array(finals, ended)
         infos["_final_obs"] = ended.copy()
@@ -222,8 +228,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
     def _infos(self, measures: Array, in_cone: npt.NDArray[np.bool_], success: npt.NDArray[np.bool_]) -> dict[str, Any]:
         """The info of all environments: an array and a mask that is True everywhere for each name."""
         infos = self._masks.copy()
-        for name, values in zip(INFO_NAMES, measures[: len(INFO_NAMES)]):  # noqa: B905 - called at every step
-            infos[name] = values
+        for name, row in self._shown:
+            infos[name] = measures[row]
         infos["in_cone"] = in_cone
         infos["is_success"] = success
         return infos

@@ -14,10 +14,12 @@ from gymnasium.wrappers import FrameStackObservation, NormalizeObservation, Reco
 
 import uwoc_gym
 from uwoc_gym import ENV_IDS, SettingError, TrackingEnv
-from uwoc_gym.sim.layout import INFO_NAMES
+from uwoc_gym.sim.layout import info_names
 from uwoc_gym.spaces import action_space, observation_space
 from uwoc_gym.task.action import KINDS
 from uwoc_gym.task.observation import GROUPS, STANDARD
+
+INFO_NAMES = info_names(uwoc_gym.Scenario())
 
 ZERO = np.zeros(3, dtype=np.float32)
 

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from uwoc_gym.sim.layout import BLOCK, PULSE, WORLD
+from uwoc_gym.compute.records import Settings
+from uwoc_gym.sim.layout import BLOCK, WORLD
 from uwoc_gym.task import action, ending, observation, reward
 from uwoc_gym.world.auv import horizontal, sensors, start
 from uwoc_gym.world.optics import link
@@ -23,12 +24,11 @@ MODULES = (action, current, ending, link, observation, pulses, reward, sensors, 
 TYPES = {
     "b": numba.from_dtype(BLOCK),
     "j": numba.int64,
-    "world": numba.from_dtype(WORLD),
-    "pulse": numba.from_dtype(PULSE),
-    "pulses": numba.from_dtype(PULSE)[::1],
-    "segments": numba.from_dtype(paths.SEGMENT)[::1],
-    "numbers": numba.float32[::1],
-    "first": numba.int64,
+    "world": Settings(numba.from_dtype(WORLD)),
+    "pulse": numba.from_dtype(pulses.PULSE),
+    "numbers": numba.float64[::1],
+    "splines": numba.float64[::1],
+    **dict.fromkeys(("first", "last", "place"), numba.int64),
 }
 FUNCTIONS = {
     f"{module.__name__.rpartition('.')[2]}.{name}": each.py_func

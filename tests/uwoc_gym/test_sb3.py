@@ -9,9 +9,12 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
+import uwoc_gym
 from uwoc_gym import ENV_IDS
 from uwoc_gym.sb3 import TrackingVecEnv
-from uwoc_gym.sim.layout import INFO_NAMES
+from uwoc_gym.sim.layout import info_names
+
+INFO_NAMES = info_names(uwoc_gym.Scenario())
 
 STEPS = 17
 

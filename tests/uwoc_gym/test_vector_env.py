@@ -11,7 +11,9 @@ from gymnasium.wrappers.vector import DictInfoToList, NormalizeObservation, Reco
 
 import uwoc_gym
 from uwoc_gym import TrackingVectorEnv
-from uwoc_gym.sim.layout import INFO_NAMES
+from uwoc_gym.sim.layout import info_names
+
+INFO_NAMES = info_names(uwoc_gym.Scenario())
 
 STEPS = 17
 """Short episodes, so that tests cross their ends."""

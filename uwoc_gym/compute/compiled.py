@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable
 from functools import lru_cache
@@ -9,6 +10,10 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event as numba_event
+
+# Without types that mypy could follow.
+event: Any = numba_event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -21,6 +26,23 @@ class CacheState:
     """Whether Numba has found a folder that it can keep machine code in."""
 
     available = True
+
+
+class Notice(event.Listener):  # type: ignore[misc]
+    """Says once, to a person at a terminal, why nothing happens: the first compilation takes a while."""
+
+    def on_start(self, happening: Any) -> None:
+        """Numba begins to compile something."""
+        if happening.data["dispatcher"].py_func.__module__.startswith(__name__.partition(".")[0]):
+            event.unregister("numba:compile", self)
+            print("uwoc_gym: compiling the simulation, once; later runs load it from a cache ...", file=sys.stderr)
+
+    def on_end(self, happening: Any) -> None:
+        """Nothing is said at the end."""
+
+
+if sys.stderr is not None and sys.stderr.isatty():
+    event.register("numba:compile", Notice())
 
 
 @lru_cache(maxsize=1)
@@ -55,14 +77,27 @@ def compiled(function: Function) -> Function:
     return cast(Function, numba.njit(**_OPTIONS)(function))
 
 
+# What only other compiled code calls needs no way in from Python, which takes time to compile.
+_INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
 def inlined(function: Function) -> Function:
     """Compile a small function into its callers, so that their loops still vectorise."""
-    return cast(Function, numba.njit(forceinline=True, **_OPTIONS)(function))
+    return cast(Function, numba.njit(forceinline=True, **_INSIDE)(function))
+
+
+def pasted(function: Function) -> Function:
+    """Paste a list of calls into its callers before they are typed.
+
+    For what is called once or twice and loops over lanes: LLVM meets such a loop where its bounds are known, and only
+    there. What is called more often is typed each time, and better `inlined`.
+    """
+    return cast(Function, numba.njit(inline="always", **_INSIDE)(function))
 
 
 def subroutine(function: Function) -> Function:
     """Compile a large function that other compiled code calls; the compiler decides whether to inline it."""
-    return cast(Function, numba.njit(**_OPTIONS)(function))
+    return cast(Function, numba.njit(**_INSIDE)(function))
 
 
 def over_arrays(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -53,6 +53,19 @@ def floor(typing_context: Any, x: Any) -> Any:
 
 
 @_intrinsic
+def whole(typing_context: Any, number: Any) -> Any:
+    """The whole number itself, but no literal to Numba, which would compile everything anew for each literal.
+
+    LLVM still knows what it is, so that a loop over one lane is no loop in machine code.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return arguments[0]
+
+    return types.int64(types.int64), generate
+
+
+@_intrinsic
 def _float_to_bits(typing_context: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], ir.IntType(64))

@@ -9,10 +9,17 @@ only one lane is in use.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
+
+# Numba's own decorator has no types that mypy could follow.
+_intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
 LANES = 32
 """Simulations in a block: few enough for its rows to fit into the first-level cache."""
@@ -97,3 +104,74 @@ def flat(fields: Mapping[str, Any]) -> list[float]:
     for value in fields.values():
         values += flat(value) if isinstance(value, Mapping) else [float(value)]
     return values
+
+
+@_intrinsic
+def record_at(typing_context: Any, numbers: Any, place: Any, kind: Any) -> Any:
+    """The record of type ``kind`` that begins at a place of an array of float64, as a view; nothing is checked.
+
+    For compiled code, where NumPy's own views take long to compile.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _pointer(context, builder, signature, arguments)
+
+    if not isinstance(kind, types.DType):
+        return None
+    return kind.dtype(numbers, types.intp, kind), generate
+
+
+class Settings(types.Type):
+    """A record of settings as compiled code reads it: nothing writes to it while compiled code runs.
+
+    LLVM is told so, and reads it once before a loop over lanes, which otherwise wouldn't vectorise.
+    """
+
+    def __init__(self, record: Any) -> None:
+        self.record = record
+        super().__init__(name=f"Settings({record.name})")
+
+
+@register_model(Settings)
+class _SettingsModel(models.OpaqueModel):
+    """A pointer to the record."""
+
+
+@_intrinsic
+def settings_at(typing_context: Any, numbers: Any, place: Any, kind: Any) -> Any:
+    """The settings of type ``kind`` that begin at a place of an array of float64."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _pointer(context, builder, signature, arguments)
+
+    if not isinstance(kind, types.DType):
+        return None
+    return Settings(kind.dtype)(numbers, types.intp, kind), generate
+
+
+def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    array = context.make_array(signature.args[0])(context, builder, arguments[0])
+    start = cgutils.gep(builder, array.data, arguments[1])
+    return builder.bitcast(start, context.get_value_type(signature.return_type))
+
+
+@infer_getattr
+class _SettingsAttributes(AttributeTemplate):
+    key = Settings
+
+    def generic_resolve(self, settings: Settings, name: str) -> Any:  # type: ignore[override]
+        if name not in settings.record.fields:
+            return None
+        inside = settings.record.typeof(name)
+        return Settings(inside) if isinstance(inside, types.Record) else inside
+
+
+@lower_getattr_generic(Settings)
+def _read_setting(context: Any, builder: Any, kind: Settings, value: Any, name: str) -> Any:
+    inside = kind.record.typeof(name)
+    place = cgutils.pointer_add(builder, value, kind.record.offset(name))
+    if isinstance(inside, types.Record):
+        return place
+    number = builder.load(builder.bitcast(place, context.get_value_type(inside).as_pointer()))
+    number.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return number

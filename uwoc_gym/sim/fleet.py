@@ -87,7 +87,7 @@ class Fleet:
         self.scenario = scenario
         self.max_episode_steps = max_episode_steps or scenario.episode.steps
         old: layout.Memory | None = getattr(self, "_memory", None)
-        self._memory = layout.build(scenario, self._blocks, self.max_episode_steps, self.autoreset)
+        self._memory = layout.build(scenario, self.size, self.max_episode_steps, self.autoreset)
         self._drawn = {each.path: each for each in layout.drawn_numbers(scenario) if each.path}
         if old is not None:
             # Seeds and episodes go on; pulses come last, so that all other rows keep their places.
@@ -428,25 +428,8 @@ class Fleet:
         else:
             ends = self._step_in_threads(arguments)
         if ends < 0:
-            self._refuse(ends, actions)
+            self.refuse(ends, actions)
         return ends
-
-    def stepper(self) -> Callable[[npt.NDArray[np.float32], npt.NDArray[np.float32]], list[float]]:
-        """A quick `step` for a fleet of one without autoreset, valid until the next `configure`.
-
-        The function takes an action of shape (3,) and the observation to write, of shape (20,), both contiguous
-        float32, and returns the measures in the order of `MEASURE_NAMES`.
-        """
-        memory, measures = self._memory.array, self.single
-
-        def step(action: npt.NDArray[np.float32], observation: npt.NDArray[np.float32]) -> list[float]:
-            status = paper.step_one(memory, action, observation)
-            if status:
-                self._refuse(status, action.reshape(1, -1))
-            values: list[float] = measures.tolist()
-            return values
-
-        return step
 
     def _step_in_threads(self, arguments: tuple[Any, ...]) -> int:
         if not np.isfinite(arguments[1]).all():
@@ -461,7 +444,8 @@ class Fleet:
         jobs = [self._pool.submit(step, *arguments, start, min(start + share, self.size)) for start in starts]
         return sum(job.result() for job in jobs)
 
-    def _refuse(self, status: int, actions: npt.NDArray[np.float32]) -> None:
+    def refuse(self, status: int, actions: npt.NDArray[np.float32]) -> None:
+        """Raise what a negative status of `paper.step` or `paper.step_one` means; see `step`."""
         if status == paper.NOT_FINITE:
             index = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
             raise ValueError(

@@ -2,7 +2,7 @@
 
 A fleet's memory is one array of float64, so that a step hands over as few arrays as possible: the settings (`WORLD`),
 the numbers to draw (`DRAW`), the rows that are observed, the splines of recorded paths, and the blocks, each a `BLOCK`
-followed by one `PULSE` for each pulse of the scenario.
+followed by one `pulses.PULSE` for each pulse of the scenario.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from uwoc_gym.compute import rng
 from uwoc_gym.compute.records import (
     CLOCK,
+    LANES,
     ROW_BYTES,
     Spec,
     block_type,
@@ -29,10 +30,10 @@ from uwoc_gym.compute.rng import counter
 from uwoc_gym.parameters import ChoiceSpec, Number, Parameters
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.task import action, ending, observation, reward
+from uwoc_gym.task.reward import RewardSettings
 from uwoc_gym.world.auv import horizontal, sensors
 from uwoc_gym.world.optics import link
-from uwoc_gym.world.sea import current
-from uwoc_gym.world.sea.pulses import Pulse
+from uwoc_gym.world.sea import current, pulses
 from uwoc_gym.world.ship import paths
 
 Array = npt.NDArray[np.float64]
@@ -87,13 +88,11 @@ SPEC: Spec = {
 }
 """Every row of a block but those of the pulses."""
 
-PULSE_SPEC: Spec = rows(*Pulse.drawn())
-
 BLOCK = block_type(SPEC)
-PULSE = block_type(PULSE_SPEC)
 DRAW = np.dtype([(name, "f8") for name in ("row", "low", "high", "step", "index", "only", "mask")])
 """A number to draw: the fields of `Drawn`."""
 
+DRAW_DOUBLES = DRAW.itemsize // 8
 BLOCK_DOUBLES = BLOCK.itemsize // 8
 ROW = dict(row_numbers(SPEC))
 """Number of each row by its dotted name."""
@@ -105,11 +104,18 @@ DRAWN_SHIP = (ROW["drawn.ship.choice"], ROW["drawn.ship.choice"] + count(SPEC["d
 MEASURE_NAMES = (*link.MEASURE, "cost", *(f"reward_{name}" for name in reward.TERM), *ending.OUTCOME)
 """Names of the measures that a step writes out, in their order."""
 
-INFO_NAMES = tuple(name for name in MEASURE_NAMES if name not in ("reward", "terminated", "truncated"))
-"""Keys of `info` at every step, in the order of the measures."""
-
 FLAGS = ("terminated", "truncated", "in_cone", "is_success")
 """The measures that are true or false."""
+
+
+def info_names(scenario: Scenario) -> tuple[str, ...]:
+    """Keys of `info` at every step, in the order of the measures.
+
+    A reward term whose weight is 0 by default is shown where it has one, so that new terms don't change old worlds.
+    """
+    weights = (RewardSettings(), scenario.reward)
+    silent = {f"reward_{name}" for name in reward.TERM if all(getattr(each, name) == 0.0 for each in weights)}
+    return tuple(name for name in MEASURE_NAMES if name not in {"reward", "terminated", "truncated"} | silent)
 
 
 class _Layout(NamedTuple):
@@ -172,8 +178,8 @@ def drawn_numbers(scenario: Scenario) -> list[Drawn]:
         rows_of = {key: ROW[f"drawn.{name}.{key}"] for key in own.drawn()}
         found += numbers_of(own, f"{prefix}.", f"{prefix}.", rows_of)
     for i, pulse in enumerate(scenario.sea.pulses):
-        first = BLOCK.itemsize // ROW_BYTES + i * count(PULSE_SPEC)
-        rows_of = {key: first + k for k, key in enumerate(PULSE_SPEC)}
+        first = BLOCK.itemsize // ROW_BYTES + i * count(pulses.ROWS)
+        rows_of = {key: first + k for k, key in enumerate(pulses.ROWS)}
         found += numbers_of(pulse, f"sea.pulses[{i}].", f"sea.pulses[{i}].", rows_of)
     alternatives = scenario.ship_paths
     last = len(alternatives) - 1
@@ -229,8 +235,8 @@ def view(array: Array) -> Memory:
     )
 
 
-def build(scenario: Scenario, blocks: int, max_steps: int, autoreset: int) -> Memory:
-    """The memory of a fleet of that many blocks, with all rows 0."""
+def build(scenario: Scenario, size: int, max_steps: int, autoreset: int) -> Memory:
+    """The memory of a fleet of that many simulations, with all rows 0."""
     draws = np.array(
         [(each.row, each.low, each.high, *each.counter, each.only, each.mask) for each in drawn_numbers(scenario)],
         dtype=np.float64,
@@ -243,13 +249,13 @@ def build(scenario: Scenario, blocks: int, max_steps: int, autoreset: int) -> Me
     draws_at, observed_at, segments_at, blocks_at = np.cumsum(
         [WORLD.itemsize // 8, draws.size, observed.size, splines.size]
     ).tolist()
-    doubles = BLOCK_DOUBLES + len(scenario.sea.pulses) * PULSE.itemsize // 8
+    doubles = BLOCK_DOUBLES + len(scenario.sea.pulses) * pulses.DOUBLES
     world = _world(scenario, _Layout(draws_at, observed_at, segments_at, blocks_at, doubles, autoreset))
     world["episode"]["max_steps"] = max_steps
-    return view(np.concatenate([flat(world), draws.ravel(), observed, splines, np.zeros(blocks * doubles)]))
+    return view(np.concatenate([flat(world), draws.ravel(), observed, splines, np.zeros(-(-size // LANES) * doubles)]))
 
 
 def lane_record(scenario: Scenario) -> np.dtype[Any]:
     """The record of the whole state of one lane: its names are those of the rows."""
-    pulses = {f"pulse_{i}": PULSE_SPEC for i in range(len(scenario.sea.pulses))}
-    return lane_type({**SPEC, "pulses": pulses} if pulses else SPEC)
+    own = {f"pulse_{i}": pulses.ROWS for i in range(len(scenario.sea.pulses))}
+    return lane_type({**SPEC, "pulses": own} if own else SPEC)

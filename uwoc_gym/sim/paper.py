@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from uwoc_gym.compute.compiled import compiled, inlined, subroutine
-from uwoc_gym.compute.records import LANES, STRIDE
+from uwoc_gym.compute.compiled import compiled, inlined, pasted, subroutine
+from uwoc_gym.compute.elementary import whole
+from uwoc_gym.compute.records import LANES, STRIDE, record_at, settings_at
 from uwoc_gym.compute.rng import STREAM, draw
 from uwoc_gym.sim.layout import (
     BLOCK,
     BLOCK_DOUBLES,
     DRAW,
+    DRAW_DOUBLES,
     DRAWN_SHIP,
     FIRST_OUT,
     OUT_ROWS,
-    PULSE,
     ROW,
     WORLD,
 )
@@ -27,22 +28,21 @@ from uwoc_gym.world.auv import horizontal, sensors, start
 from uwoc_gym.world.optics import link
 from uwoc_gym.world.sea import current, pulses
 from uwoc_gym.world.ship import paths
-from uwoc_gym.world.ship.paths import SEGMENT
 
 _LARGEST = np.finfo(np.float32).max
 NOT_FINITE = -1
 HAS_ENDED = -2
+WRONG_SIZE = -3
 _CHOICE, _AFTER_SHIP = DRAWN_SHIP
 _ENDED = ROW["ending.ended"]
-_WORLD_DOUBLES = WORLD.itemsize // 8
 
 
-@inlined
+@pasted
 def _world_of(memory):
-    return memory[:_WORLD_DOUBLES].view(WORLD)[0]
+    return settings_at(memory, 0, WORLD)
 
 
-@inlined
+@pasted
 def _numbers_of(memory, world):
     """A block's rows as plain numbers, of all blocks from the first on."""
     return memory[int(world.layout.blocks) :]
@@ -53,9 +53,8 @@ def _draw_numbers(memory, world, s, b, j, alternative) -> None:
     """Draw lane ``j``'s numbers for its episode; ``alternative`` is that of the ship's path, or −1 to draw it too."""
     for row in range(_CHOICE, _AFTER_SHIP):
         s[row * STRIDE + j] = 0.0
-    draws = memory[int(world.layout.draws) : int(world.layout.observed)].view(DRAW)
-    for i in range(draws.size):
-        own = draws[i]
+    for place in range(int(world.layout.draws), int(world.layout.observed), DRAW_DOUBLES):
+        own = record_at(memory, place, DRAW)
         row = int(own.row)
         if own.only >= 0.0 and own.only != b.drawn.ship.choice[j]:
             continue
@@ -98,7 +97,7 @@ def _begin_episode(memory, world, b, j, at_step) -> None:
     start.begin(b, j, world)
 
 
-@inlined
+@pasted
 def _move_ship(memory, world, b, first, last) -> None:
     """Write the motion of the lanes' ships at their time."""
     for j in range(first, last):
@@ -110,15 +109,14 @@ def _move_ship(memory, world, b, first, last) -> None:
         for j in range(first, last):
             paths.follow_legs(b, j)
     if world.ship.recorded > 0.0:
-        segments = memory[int(world.layout.segments) : int(world.layout.blocks)].view(SEGMENT)
         for j in range(first, last):
             if b.drawn.ship.kind[j] == paths.RECORDED:
-                paths.follow_record(b, j, segments)
+                paths.follow_record(b, j, memory, int(world.layout.segments))
     for j in range(first, last):
         paths.turn_to_heading(b, j)
 
 
-@subroutine
+@pasted
 def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
     """Move the block's AUVs, ships and water through one control period."""
     period = world.episode.control_period_s
@@ -139,16 +137,16 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
             horizontal.calm(b, j)
             current.flow(b, j, world)
             horizontal.change_to_water(b, j, -1.0)
-    own_pulses = s[BLOCK_DOUBLES : int(world.layout.block_doubles)].view(PULSE)
+    end = int(world.layout.block_doubles)
     pushed = False
-    for i in range(own_pulses.size):
+    for place in range(BLOCK_DOUBLES, end, pulses.DOUBLES):
         for j in range(lanes):
-            pushed |= pulses.touches(b, j, own_pulses[i], world)
+            pushed |= pulses.touches(b, j, record_at(s, place, pulses.PULSE), world)
     if pushed:
         for substep in range(substeps):
             for j in range(lanes):
                 horizontal.release(b, j)
-                pulses.push(b, j, own_pulses, substep * h, h, world)
+                pulses.push(b, j, s, BLOCK_DOUBLES, end, substep * h, h, world)
             for j in range(lanes):
                 horizontal.integrate_pushed(b, j, h)
     else:
@@ -167,10 +165,10 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
     if flows:
         for j in range(lanes):
             current.advance(b, j, world)
-    _move_ship(memory, world, b, 0, lanes)
+    _move_ship(memory, world, b, whole(0), lanes)
 
 
-@inlined
+@pasted
 def _judge(world, b, first, last) -> None:
     """Evaluate all that reward, ending and observation depend on."""
     for j in range(first, last):
@@ -180,7 +178,7 @@ def _judge(world, b, first, last) -> None:
         ending.judge(b, j, world)
 
 
-@subroutine
+@pasted
 def _show(memory, world, s, b, first, last, entries, first_lane) -> None:
     """Work out what only `info` shows, and what the sensors say; write the latter to ``entries``."""
     for j in range(first, last):
@@ -190,7 +188,7 @@ def _show(memory, world, s, b, first, last, entries, first_lane) -> None:
     _observe(memory, world, s, b, first, last, entries, first_lane)
 
 
-@inlined
+@pasted
 def _observe(memory, world, s, b, first, last, entries, first_lane) -> None:
     if world.sensors.acts > 0.0:
         for j in range(first, last):
@@ -211,7 +209,7 @@ def _observe(memory, world, s, b, first, last, entries, first_lane) -> None:
             entries[place + active.size * j] = s[row + j]
 
 
-@inlined
+@pasted
 def _show_start(memory, world, s, b, j, entries, lane) -> None:
     horizontal.turn_to_heading(b, j)
     _judge(world, b, j, j + 1)
@@ -241,7 +239,7 @@ def reset(memory, lanes, at_step, poses, velocities, alternatives, rows, only, c
     entries = observations.reshape(observations.size)
     for lane in lanes:
         s = blocks[lane // LANES * size :]
-        b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+        b = record_at(s, 0, BLOCK)
         j = lane % LANES
         _draw_numbers(memory, world, s, b, j, alternatives[lane])
         for i in range(rows.size):
@@ -265,30 +263,38 @@ def look(memory, observations):
     entries = observations.reshape(observations.size)
     for start_lane in range(0, observations.shape[0], LANES):
         s = blocks[start_lane // LANES * size :]
-        b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
-        _observe(memory, world, s, b, 0, min(LANES, observations.shape[0] - start_lane), entries, start_lane)
+        b = record_at(s, 0, BLOCK)
+        _observe(memory, world, s, b, whole(0), min(LANES, observations.shape[0] - start_lane), entries, start_lane)
 
 
-@inlined
-def _move(memory, world, s, b, lanes, numbers, entries, first_lane) -> None:
-    """One control period of a block."""
+@subroutine
+def _fly(memory, world, s, b, lanes, numbers, first_lane) -> None:
+    """One control period of a block, and what it comes to."""
     _advance(memory, world, s, b, lanes, numbers, first_lane)
-    _judge(world, b, 0, lanes)
-    _show(memory, world, s, b, 0, lanes, entries, first_lane)
+    _judge(world, b, whole(0), lanes)
+
+
+@subroutine
+def _present(memory, world, s, b, lanes, entries, first_lane) -> None:
+    _show(memory, world, s, b, whole(0), lanes, entries, first_lane)
 
 
 @compiled
 def step_one(memory, act, seen):
     """`step` for a fleet of one without autoreset, with as few arguments as possible since each costs time."""
+    world = _world_of(memory)
+    if act.size != action.WIDTHS[int(world.scenario.action)]:
+        return WRONG_SIZE
     for i in range(act.size):
         if not abs(act[i]) <= _LARGEST:
             return NOT_FINITE
-    world = _world_of(memory)
     s = _numbers_of(memory, world)
-    b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+    b = record_at(s, 0, BLOCK)
     if b.ending.ended[0] > 0.0:
         return HAS_ENDED
-    _move(memory, world, s, b, 1, act, seen, 0)
+    _advance(memory, world, s, b, whole(1), act, whole(0))
+    _judge(world, b, whole(0), whole(1))
+    _show(memory, world, s, b, whole(0), whole(1), seen, whole(0))
     return 0
 
 
@@ -322,14 +328,15 @@ def step(memory, actions, observations, out, flags, finals, first, last):
     for begin in range(first, last, LANES):
         lanes = min(LANES, last - begin)
         s = blocks[begin // LANES * size :]
-        b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+        b = record_at(s, 0, BLOCK)
         # A lane that ended in the step before begins anew in this one, whose action and reward don't count.
         fresh = 0
         if autoreset == 1:
             for j in range(lanes):
                 b.ending.was_ended[j] = b.ending.ended[j]
                 fresh += 1 if b.ending.ended[j] > 0.0 else 0
-        _move(memory, world, s, b, lanes, numbers, entries, begin)
+        _fly(memory, world, s, b, lanes, numbers, begin)
+        _present(memory, world, s, b, lanes, entries, begin)
         if fresh:
             for j in range(lanes):
                 if b.ending.was_ended[j] > 0.0:
@@ -360,7 +367,7 @@ def rollout(memory, scratch, roots, actions, returns, rewards, distances, linked
     """Fly copies of ``roots`` through ``actions`` in a block of scratch memory; see `Fleet.rollout`."""
     world = _world_of(memory)
     s = scratch
-    b = s[:BLOCK_DOUBLES].view(BLOCK)[0]
+    b = record_at(s, 0, BLOCK)
     horizon, flights, _ = actions.shape
     for begin in range(0, flights, LANES):
         lanes = min(LANES, flights - begin)
@@ -377,8 +384,7 @@ def rollout(memory, scratch, roots, actions, returns, rewards, distances, linked
             numbers = moment.reshape(moment.size)
             for j in range(lanes):
                 b.ending.was_ended[j] = b.ending.ended[j]
-            _advance(memory, world, s, b, lanes, numbers, begin)
-            _judge(world, b, 0, lanes)
+            _fly(memory, world, s, b, lanes, numbers, begin)
             for j in range(lanes):
                 if b.ending.was_ended[j] > 0.0:
                     b.ending.ended[j] = 1.0

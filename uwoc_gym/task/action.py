@@ -13,6 +13,8 @@ KINDS: dict[str, tuple[str, ...]] = {
 
 WRENCH, SURGE_YAW = (float(place) for place in range(len(KINDS)))
 
+WIDTHS = tuple(len(names) for names in KINDS.values())
+
 STATE = rows("surge", "sway", "yaw")
 """The clipped action of the last control period; 0 where the kind has none."""
 

@@ -30,3 +30,16 @@ def test_speed_counts_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["pictures_per_s"] > 0
     assert results["scenarios"] == {"StrongPulse": Scenario.named("StrongPulse").digest()}
+
+
+def test_speed_of_the_first_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["speed", "--cold", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    results = json.loads((tmp_path / "results.json").read_text())
+    times = results["cpu_s"]
+    assert times["single, cold"] > 3.0 * times["single, cached"] > 0.0
+    assert 0.0 < times["vector, cold"] < times["single, cold"]
+    compiled = results["parts_s"]
+    assert {"uwoc_gym.sim.paper", "uwoc_gym.world.ship.paths", "uwoc_gym.task.reward"} <= set(compiled)
+    assert sum(compiled.values()) == pytest.approx(times["single, cold"] + times["vector, cold"], rel=0.25)
+    assert all(f"{value:.2f}" in said for value in compiled.values())

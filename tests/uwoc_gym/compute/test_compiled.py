@@ -6,11 +6,14 @@ import sys
 import warnings
 from pathlib import Path
 
+import gymnasium as gym
 import numba
+import numpy as np
 import pytest
 
 import uwoc_gym
 from uwoc_gym.compute import compiled
+from uwoc_gym.sim import paper
 
 
 @pytest.mark.parametrize("edited", ["rooms/equation.py", "main.py"])
@@ -69,3 +72,33 @@ def test_importing_compiles_nothing():
         "made = [name for name, each in vars(paper).items() if getattr(each, 'signatures', 0)]; assert not made"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_person_at_a_terminal_is_told_once_that_it_compiles(tmp_path, terminal):
+    (tmp_path / "sitecustomize.py").write_text(f"import sys\nsys.stderr.isatty = lambda: {terminal}\n")
+    code = (
+        "import numpy as np; from uwoc_gym import PaperPath, Vehicle; PaperPath().at(np.zeros(2)); PaperPath().at(0.0)"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    for first in (True, False):
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        assert done.stderr.count("uwoc_gym: compiling the simulation, once") == (terminal and first)
+
+
+def test_no_array_makes_a_step_compile_again():
+    env = gym.make("uwoc/Nominal-v0").unwrapped
+    env.reset(seed=0)
+    fixed = np.zeros(3, np.float32)
+    fixed.flags.writeable = False
+    for action in (np.zeros(3, np.float32), fixed, np.zeros(3), [0, 0, 0], np.zeros((6,), np.float32)[::2]):
+        env.step(action)
+    assert len(paper.step_one.signatures) == 1
+    vector = uwoc_gym.TrackingVectorEnv(4)
+    vector.reset(seed=0)
+    several = np.zeros((4, 3), np.float32)
+    several.flags.writeable = False
+    for actions in (np.zeros((4, 3), np.float32), several, np.zeros((4, 3)), np.zeros((8, 3), np.float32)[::2]):
+        vector.step(actions)
+    vector.reset(options={"pose": (0, 0, 0), "parameters": {"vehicle.mass_scale": 1.0}})
+    assert len(paper.step.signatures) == len(paper.reset.signatures) == 1

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from uwoc_gym.compute.compiled import inlined
+from uwoc_gym.compute.records import block_type, record_at, rows
 from uwoc_gym.parameters import Number, Parameters, choice, number
 
 
@@ -26,6 +27,12 @@ class Pulse(Parameters):
     frame: str = choice(
         "body", ("body", "earth"), "frame in which the force is fixed; the paper adds it in the body frame"
     )
+
+
+ROWS = rows(*Pulse.drawn())
+PULSE = block_type(ROWS)
+"""The record of what a block's lanes have drawn for one pulse."""
+DOUBLES = PULSE.itemsize // 8
 
 
 class DrawnPulse(NamedTuple):
@@ -56,13 +63,16 @@ def touches(b, j, pulse, world):
 
 
 @inlined
-def push(b, j, pulses, offset_s, h, world) -> None:
-    """Add the mean of ``pulses`` over the step of ``h`` seconds that begins ``offset_s`` into the control period."""
+def push(b, j, numbers, first, last, offset_s, h, world) -> None:
+    """Add the mean of all pulses over the step of ``h`` seconds that begins ``offset_s`` into the control period.
+
+    The pulses stand in ``numbers`` from the place ``first`` to ``last``.
+    """
     begin = b.clock.time_s[j]
     t = begin + offset_s
     surge = sway = yaw = earth_x = earth_y = 0.0
-    for i in range(pulses.size):
-        pulse = pulses[i]
+    for place in range(first, last, DOUBLES):
+        pulse = record_at(numbers, place, PULSE)
         start = pulse.start_s[j]
         end = start + pulse.duration_s[j]
         if start < begin + world.episode.control_period_s and end > begin:

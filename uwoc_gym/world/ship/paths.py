@@ -20,7 +20,7 @@ import numpy.typing as npt
 from uwoc_gym.compute import rng
 from uwoc_gym.compute.compiled import compiled, inlined
 from uwoc_gym.compute.elementary import atan2, floor, fma, sincos
-from uwoc_gym.compute.records import CLOCK, block_type, rows
+from uwoc_gym.compute.records import CLOCK, block_type, record_at, rows
 from uwoc_gym.compute.rng import draw, key_from_seed
 from uwoc_gym.parameters import ChoiceSpec, Number, Parameters, SettingError, choice, number, samples
 
@@ -41,6 +41,8 @@ PATH = rows(
 
 SEGMENT = np.dtype([("start_s", "f8"), ("x", "f8", 4), ("y", "f8", 4), ("yaw", "f8", 4)])
 """A segment of a recorded path: coefficients of falling powers of the time since its start."""
+
+SEGMENT_DOUBLES = SEGMENT.itemsize // 8
 
 COURSE = (0.0, 2.0 * math.pi)
 
@@ -517,19 +519,19 @@ def _cubic(c, dt):
 
 
 @inlined
-def follow_record(b, j, segments) -> None:
-    """The motion of a lane on a recorded path."""
+def follow_record(b, j, splines, first) -> None:
+    """The motion of a lane on a recorded path, whose segments stand in ``splines`` from the place ``first`` on."""
     s = b.ship
     t = b.clock.time_s[j]
     low = int(b.drawn.ship.first_segment[j])
     high = low + int(b.drawn.ship.segments[j])
     while high - low > 1:
         middle = (low + high) // 2
-        if segments[middle].start_s <= t:
+        if record_at(splines, first + middle * SEGMENT_DOUBLES, SEGMENT).start_s <= t:
             low = middle
         else:
             high = middle
-    own = segments[low]
+    own = record_at(splines, first + low * SEGMENT_DOUBLES, SEGMENT)
     dt = t - own.start_s
     s.x[j], s.vx[j], s.ax[j] = _cubic(own.x, dt)
     s.y[j], s.vy[j], s.ay[j] = _cubic(own.y, dt)
@@ -548,8 +550,7 @@ _ALONE = block_type({"clock": CLOCK, "random": rng.STATE, "drawn": {"ship": DRAW
 
 @compiled
 def _trace(state, splines, times, out):
-    b = state.view(_ALONE)[0]
-    segments = splines.view(SEGMENT)
+    b = record_at(state, 0, _ALONE)
     kind = b.drawn.ship.kind[0]
     begin(b, 0, None)
     for i in range(times.size):
@@ -560,7 +561,7 @@ def _trace(state, splines, times, out):
         elif kind == LAWN_MOWER:
             follow_legs(b, 0)
         elif kind == RECORDED:
-            follow_record(b, 0, segments)
+            follow_record(b, 0, splines, 0)
         s = b.ship
         out[i, 0], out[i, 1], out[i, 2] = s.x[0], s.y[0], s.yaw[0]
         out[i, 3], out[i, 4], out[i, 5] = s.vx[0], s.vy[0], s.yaw_rate[0]
