@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 
 
 def test_the_planner_prints_what_its_page_says():
@@ -15,3 +18,39 @@ def test_the_planner_prints_what_its_page_says():
     (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     printed = subprocess.check_output([sys.executable, "-c", code], text=True, timeout=300).strip()
     assert printed in re.findall(r"It prints `(.*?)`", text)
+
+
+def _changed(text: str, change: str) -> str:
+    """A text with the parts of a diff changed, each of which stands in it once."""
+    for part in change.split("@@\n"):
+        lines = part.splitlines()
+        before = "\n".join(line[1:] for line in lines if line[0] in " -")
+        after = "\n".join(line[1:] for line in lines if line[0] in " +")
+        assert text.count(before) == 1, before
+        text = text.replace(before, after)
+    return text
+
+
+def test_the_effect_that_is_added_from_nothing_works(tmp_path: Path) -> None:
+    """The page's files and changes in a copy of the package; its test, and v0's digests, pass there."""
+    for name in ("uwoc_gym", "tests/uwoc_gym/golden"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    golden = "tests/uwoc_gym/test_golden.py"
+    shutil.copyfile(ROOT / golden, tmp_path / golden)
+    page = (DOCS / "add-an-effect.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^`([\w/.]+)`:\n\n```(python|diff)\n(.*?)```", page, re.DOTALL | re.MULTILINE)
+    assert [kind for _, kind, _ in blocks].count("python") == 2
+    for name, kind, text in blocks:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(
+            text if kind == "python" else _changed(path.read_text(encoding="utf-8"), text), encoding="utf-8"
+        )
+    command = [sys.executable, "-m", "pytest", "-q", "--import-mode=importlib", "-p", "no:cacheprovider"]
+    chosen = [name for name, _, _ in blocks if name.startswith("tests")] + [golden, "-k", "buffeting or Nominal"]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    done = subprocess.run(
+        [*command, *chosen], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "4 passed" in done.stdout

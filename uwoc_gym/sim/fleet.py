@@ -476,6 +476,8 @@ class Fleet:
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """The true state by name, each with a first axis of length N; see `TrackingEnv.state` for the entries."""
 
+        measured = [name for name in layout.info_names(self.scenario) if name in layout.OUT["measure"]]
+
         def get(group: str, *names: str) -> Array:
             return np.stack([self._get(group, name) for name in names], axis=-1)
 
@@ -489,7 +491,7 @@ class Fleet:
             "ship_acceleration": get("ship", "ax", "ay", "yaw_acceleration"),
             "current": get("current", "x", "y"),
             "force": get("auv", "force_surge", "force_sway", "moment_yaw"),
-            **{name: self._get("measure", name) for name in layout.OUT["measure"] if name != "in_cone"},
+            **{name: self._get("measure", name) for name in measured if name != "in_cone"},
             "in_cone": self._get("measure", "in_cone") > 0.0,
             "slant_height_m": self._get("link", "slant_height_m"),
         }

@@ -7,6 +7,7 @@ followed by one `pulses.PULSE` for each pulse of the scenario.
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,23 +66,38 @@ def _drawn() -> dict[str, Spec]:
     return {name: group for name, group in groups.items() if group} | {"ship": rows("choice") | paths.DRAWN}
 
 
-OUT = {"measure": link.MEASURE, "total": rows("cost"), "term": reward.TERM, "outcome": ending.OUTCOME}
+MODULES: dict[str, ModuleType] = {
+    "action": action,
+    "auv": horizontal,
+    "current": current,
+    "ship": paths,
+    "link": link,
+    "sensors": sensors,
+    "ending": ending,
+}
+"""What compiled code finds at ``b.<name>``: the module's `STATE`; its `MEASURE` and `COST` stand with all others."""
+
+
+def _declared(what: str) -> dict[str, dict[str, Any]]:
+    return {name: getattr(module, what) for name, module in MODULES.items() if hasattr(module, what)}
+
+
+def _merged(groups: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    return {name: shape for group in groups.values() for name, shape in group.items()}
+
+
+MEASURES = _declared("MEASURE")
+OUT = {"measure": _merged(MEASURES), "total": rows("cost"), "term": reward.TERM, "outcome": ending.OUTCOME}
 """The rows that a step hands out."""
 
 SPEC: Spec = {
     "clock": CLOCK,
     "random": rng.STATE,
-    "action": action.STATE,
-    "auv": horizontal.STATE,
     "water": horizontal.WATER,
     "wrench": horizontal.WRENCH,
-    "current": current.STATE,
-    "ship": paths.STATE,
     "path": paths.PATH,
-    "link": link.STATE,
-    "sensors": sensors.STATE,
-    "ending": ending.STATE,
-    "cost": link.COST,
+    **_declared("STATE"),
+    "cost": _merged(_declared("COST")),
     **OUT,
     "observed": observation.OBSERVED,
     "drawn": _drawn(),
@@ -96,12 +112,12 @@ DRAW_DOUBLES = DRAW.itemsize // 8
 BLOCK_DOUBLES = BLOCK.itemsize // 8
 ROW = dict(row_numbers(SPEC))
 """Number of each row by its dotted name."""
-FIRST_OUT = ROW["measure.bit_rate_bps"]
+FIRST_OUT = ROW[f"measure.{next(iter(OUT['measure']))}"]
 OUT_ROWS = sum(count(group) for group in OUT.values())
 DRAWN_SHIP = (ROW["drawn.ship.choice"], ROW["drawn.ship.choice"] + count(SPEC["drawn"]["ship"]))
 """First of the rows of the ship's path, and the one after the last."""
 
-MEASURE_NAMES = (*link.MEASURE, "cost", *(f"reward_{name}" for name in reward.TERM), *ending.OUTCOME)
+MEASURE_NAMES = (*OUT["measure"], "cost", *(f"reward_{name}" for name in reward.TERM), *ending.OUTCOME)
 """Names of the measures that a step writes out, in their order."""
 
 FLAGS = ("terminated", "truncated", "in_cone", "is_success")
@@ -111,10 +127,14 @@ FLAGS = ("terminated", "truncated", "in_cone", "is_success")
 def info_names(scenario: Scenario) -> tuple[str, ...]:
     """Keys of `info` at every step, in the order of the measures.
 
-    A reward term whose weight is 0 by default is shown where it has one, so that new terms don't change old worlds.
+    What an effect measures is shown where it acts, and a reward term whose weight is 0 by default where it has one, so
+    that what is new doesn't change old worlds.
     """
     weights = (RewardSettings(), scenario.reward)
     silent = {f"reward_{name}" for name in reward.TERM if all(getattr(each, name) == 0.0 for each in weights)}
+    for name, own in MEASURES.items():
+        if name in COMPONENTS and not component(scenario, name).fixed_values().get("acts", True):
+            silent |= set(own)
     return tuple(name for name in MEASURE_NAMES if name not in {"reward", "terminated", "truncated"} | silent)
 
 

@@ -7,9 +7,10 @@ all that the scripted controllers need, so that scripted and learned policies se
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -166,6 +167,8 @@ class Measured(NamedTuple):
     """1 inside the cone, else 0, (...)."""
     elapsed: Array | None = None
     """Share of the episode gone, (...)."""
+    others: Mapping[str, Array] = MappingProxyType({})
+    """The entries of further groups in SI units, by the group's name, (..., entries)."""
 
 
 _READ: dict[str, Callable[[Array], dict[str, Array]]] = {
@@ -181,7 +184,7 @@ _READ: dict[str, Callable[[Array], dict[str, Array]]] = {
     "link": lambda x: {"link_level": x[..., 0], "in_cone": x[..., 1]},
     "time": lambda x: {"elapsed": x[..., 0]},
 }
-"""How a group's entries, in SI units, are read."""
+"""How a group's entries, in SI units, are read; those of groups that aren't here stand in `Measured.others`."""
 
 
 def unpack(observation: npt.ArrayLike, settings: ObservationSettings | None = None) -> Measured:
@@ -199,13 +202,18 @@ def unpack(observation: npt.ArrayLike, settings: ObservationSettings | None = No
     if obs.ndim == 0 or obs.shape[-1] != own.size:
         raise ValueError(f"observation has shape {obs.shape}; its last axis must be {own.size} long.")
     si = obs * own.entry_scales
-    found: dict[str, Array] = {}
+    found: dict[str, Any] = {}
+    others: dict[str, Array] = {}
     first = 0
     for name in own.groups:
         last = first + len(GROUPS[name])
-        found |= _READ[name](si[..., first:last])
+        entries = si[..., first:last]
+        if name in _READ:
+            found |= _READ[name](entries)
+        else:
+            others[name] = entries
         first = last
-    return Measured(**found)
+    return Measured(**found, others=others)
 
 
 @inlined
