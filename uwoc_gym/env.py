@@ -209,8 +209,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             self._read_fleet()
         observation = np.empty((1, self._observation_size), dtype=np.float32)
         self._fleet.reset(observation, None, given.get("pose"), given.get("velocity"), given.get("parameters"))
-        if not step_one.signatures:
-            self._compile_step()
+        self._compile_step()
         self._running = True
         if self.render_mode is not None:
             self._begin_pictures()
@@ -258,7 +257,9 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         return np.array(array, order="C")
 
     def _compile_step(self) -> None:
-        """Compile the step for the arrays that it is meant for, and for no others."""
+        """Compile the step for the arrays that it is meant for, and for no others, if this hasn't been done."""
+        if step_one.signatures:
+            return
         nothing = np.full(self._action_shape, np.nan, dtype=_FLOAT32)
         step_one(self._memory, nothing, np.empty(self._observation_size, _FLOAT32))
         step_one.disable_compile()
@@ -315,6 +316,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             ValueError: It isn't one record of this scenario's layout; nothing has changed.
         """
         self._fleet.restore(rows)
+        self._compile_step()
         self._running = not self._fleet.ended[0]
         if self.render_mode is not None:
             self._begin_pictures()
@@ -388,6 +390,8 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._read_fleet()
+        if self._running:
+            self._compile_step()
 
 
 @lru_cache

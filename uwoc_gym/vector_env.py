@@ -100,10 +100,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         self._same_step = mode is AutoresetMode.SAME_STEP
         self._all = np.ones(self.num_envs, dtype=bool)
         self._all.flags.writeable = False
-        self.info_names = info_names(self.scenario)
-        """Keys of `info` at every step."""
-        self._shown = [(name, MEASURE_NAMES.index(name)) for name in self.info_names]
-        self._masks: dict[str, Any] = {f"_{name}": self._all for name in self.info_names}
+        self._name_infos()
         self._begun = False
         self._action_size = len(self.scenario.actions)
         self._observation_size = self.scenario.observation.size
@@ -132,6 +129,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             wanted = episode_scenario(self.scenario, given["scenario"])
         if mask.all() and wanted is not self._fleet.scenario:
             self._fleet.configure(wanted, self._max_episode_steps)
+            self._name_infos()
         lanes = np.flatnonzero(mask)
         self._seed(seed, lanes)
         observations = (
@@ -145,6 +143,13 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         if not mask.all():
             infos |= {f"_{name}": mask.copy() for name in self.info_names}
         return observations, infos
+
+    def _name_infos(self) -> None:
+        """Keep at hand the keys of `info`, until the fleet is configured anew."""
+        self.info_names = info_names(self._fleet.scenario)
+        """Keys of `info` at every step."""
+        self._shown = [(name, MEASURE_NAMES.index(name)) for name in self.info_names]
+        self._masks: dict[str, Any] = {f"_{name}": self._all for name in self.info_names}
 
     def _reset_mask(self, mask: Any) -> npt.NDArray[np.bool_]:
         if mask is None:

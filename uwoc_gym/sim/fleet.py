@@ -387,7 +387,8 @@ class Fleet:
         if array.shape not in ((width,), (self.size, width)) or not np.isfinite(array).all():
             shapes = f"({width},)" if self.size == 1 else f"({width},) or ({self.size}, {width})"
             raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and of shape {shapes}.")
-        return np.ascontiguousarray(np.broadcast_to(array, (self.size, width)))
+        # A copy: Numba compiles anew for views that can't be written to.
+        return np.array(np.broadcast_to(array, (self.size, width)), order="C")
 
     def observe(self) -> npt.NDArray[np.float32]:
         """The present observation of every simulation, noise included, shape (N, size)."""

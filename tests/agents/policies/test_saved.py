@@ -56,7 +56,7 @@ def test_inference_stacks_normalises_and_corrects_as_training_does() -> None:
     values = settings.OWN | {"normalize": True, "frame_stack": 3, "residual_scale": 0.3}
     base = environments.make_base("uwoc/Random-v0", 3, scenario, {})
     base.seed(seeds.training_seed(0))
-    env, _, statistics = environments.wrapped(base, values, controller, True)
+    env, _, statistics = environments.wrapped(base, values, controller, scenario)
     assert statistics is not None
     model = PPO("MlpPolicy", env, n_steps=8, batch_size=24, n_epochs=1, seed=0, device="cpu")
     model.learn(240)

@@ -1,6 +1,7 @@
 """Compilation and its cache."""
 
 import os
+import pickle
 import subprocess
 import sys
 import warnings
@@ -86,6 +87,17 @@ def test_a_person_at_a_terminal_is_told_once_that_it_compiles(tmp_path, terminal
         assert done.stderr.count("uwoc_gym: compiling the simulation, once") == (terminal and first)
 
 
+def test_a_copy_in_another_process_compiles_for_the_usual_array(tmp_path):
+    env = gym.make("uwoc/Nominal-v0").unwrapped
+    env.reset(seed=0)
+    (tmp_path / "env.pkl").write_bytes(pickle.dumps(env))
+    code = (
+        f"import pickle; env = pickle.load(open({str(tmp_path / 'env.pkl')!r}, 'rb')); env.step([0, 0, 0]); "
+        "from uwoc_gym.sim.paper import step_one; assert len(step_one.signatures) == 1"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
 def test_no_array_makes_a_step_compile_again():
     env = gym.make("uwoc/Nominal-v0").unwrapped
     env.reset(seed=0)
@@ -93,6 +105,7 @@ def test_no_array_makes_a_step_compile_again():
     fixed.flags.writeable = False
     for action in (np.zeros(3, np.float32), fixed, np.zeros(3), [0, 0, 0], np.zeros((6,), np.float32)[::2]):
         env.step(action)
+    env.reset(options={"pose": (1.0, 2.0, 3.0), "velocity": (0, 0, 0)})
     assert len(paper.step_one.signatures) == 1
     vector = uwoc_gym.TrackingVectorEnv(4)
     vector.reset(seed=0)
