@@ -20,7 +20,7 @@ def load(name_or_path: str, scenario: str | Scenario = "Nominal") -> Predictor:
         scenario: What is flown, or its name; controllers know of it what their designer would.
 
     Returns:
-        The policy, for observations of shape (20,) or (N, 20). Pass its memory on from call to call, and where
+        The policy, for the scenario's observations, one or N of them. Pass its memory on from call to call, and where
         episodes begin.
 
     Raises:

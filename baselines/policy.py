@@ -19,7 +19,7 @@ class Predictor(Protocol):
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[npt.NDArray[np.float32], Any]:
-        """Actions (N, 3) for observations (N, 20), and the policy's memory."""
+        """Actions for N observations, (N, actions) for (N, size), and the policy's memory."""
         ...
 
 

@@ -76,7 +76,7 @@ class TrackingVecEnv(VecEnv):
         return list(self._seeds)
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode in every environment; returns observations of shape (N, 20)."""
+        """Begin an episode in every environment; returns observations of shape (N, size)."""
         seeds: list[int | None] | None = list(self._seeds) if any(s is not None for s in self._seeds) else None
         observations, infos = self.vector_env.reset(seed=seeds)
         self.reset_infos = [_lane(infos, i) for i in range(self.num_envs)]
@@ -85,7 +85,7 @@ class TrackingVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: Any) -> None:
-        """Take actions of shape (N, 3)."""
+        """Take actions of shape (N, actions)."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:

@@ -1,7 +1,7 @@
 """The order of events in the paper's worlds, compiled: what happens in a reset, a step and a rollout.
 
-The functions here are lists of calls of the effects' kernel functions, each in a loop over the lanes of a block. A
-block's lanes are loops of their own because then they vectorise, and never look at each other except to skip work.
+The functions here are lists of calls of the effects' kernel functions, each in a loop over the lanes of a block. The
+loops are short and many because such loops vectorise; lanes never look at each other except to skip work.
 """
 
 from __future__ import annotations
