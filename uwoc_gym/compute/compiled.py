@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import warnings
 from collections.abc import Callable
@@ -28,21 +29,43 @@ class CacheState:
     available = True
 
 
-class Notice(event.Listener):  # type: ignore[misc]
-    """Says once, to a person at a terminal, why nothing happens: the first compilation takes a while."""
+class Compiling(event.Listener):  # type: ignore[misc]
+    """What surrounds the compilation of this package's functions.
+
+    A person at a terminal is told, once, why nothing happens; and the garbage collector rests, since its search among
+    the many objects of the compiler takes a fifth of the time and finds little.
+    """
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._collects = False
+        self._silent = sys.stderr is None or not sys.stderr.isatty()
 
     def on_start(self, happening: Any) -> None:
         """Numba begins to compile something."""
-        if happening.data["dispatcher"].py_func.__module__.startswith(__name__.partition(".")[0]):
-            event.unregister("numba:compile", self)
+        if not self._ours(happening):
+            return
+        if self._depth == 0:
+            self._collects = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+        if not self._silent:
+            self._silent = True
             print("uwoc_gym: compiling the simulation, once; later runs load it from a cache ...", file=sys.stderr)
 
     def on_end(self, happening: Any) -> None:
-        """Nothing is said at the end."""
+        """Numba has compiled it, or failed to."""
+        if not self._ours(happening):
+            return
+        self._depth -= 1
+        if self._depth == 0 and self._collects:
+            gc.enable()
+
+    def _ours(self, happening: Any) -> bool:
+        return bool(happening.data["dispatcher"].py_func.__module__.startswith(__name__.partition(".")[0]))
 
 
-if sys.stderr is not None and sys.stderr.isatty():
-    event.register("numba:compile", Notice())
+event.register("numba:compile", Compiling())
 
 
 @lru_cache(maxsize=1)
@@ -78,7 +101,7 @@ def compiled(function: Function) -> Function:
 
 
 # What only other compiled code calls needs no way in from Python, which takes time to compile.
-_INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "no_rewrites": True}
 
 
 def inlined(function: Function) -> Function:

@@ -8,15 +8,27 @@ only one lane is in use.
 
 from __future__ import annotations
 
+import hashlib
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing.templates import AttributeTemplate
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_builtin,
+    lower_getattr,
+    lower_getattr_generic,
+    models,
+    register_model,
+)
+from numba.np.numpy_support import as_dtype
 
 # Numba's own decorator has no types that mypy could follow.
 _intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
@@ -28,6 +40,8 @@ STRIDE = LANES + 8
 """Doubles from one row to the next."""
 
 ROW_BYTES = 8 * STRIDE
+
+_DOUBLE = ir.DoubleType()
 
 Spec = Mapping[str, Any]
 """Names of rows, each with the shape of what stands in a lane: () for a number, or the Spec of a group."""
@@ -106,72 +120,129 @@ def flat(fields: Mapping[str, Any]) -> list[float]:
     return values
 
 
-@_intrinsic
-def record_at(typing_context: Any, numbers: Any, place: Any, kind: Any) -> Any:
-    """The record of type ``kind`` that begins at a place of an array of float64, as a view; nothing is checked.
+class View(types.Type):
+    """A record as compiled code sees it: a place in an array of float64 whose parts are read by name.
 
-    For compiled code, where NumPy's own views take long to compile.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _pointer(context, builder, signature, arguments)
-
-    if not isinstance(kind, types.DType):
-        return None
-    return kind.dtype(numbers, types.intp, kind), generate
-
-
-class Settings(types.Type):
-    """A record of settings as compiled code reads it: nothing writes to it while compiled code runs.
-
+    Of a block's record the parts are groups and rows; Numba's own records give an array for each row that is touched,
+    which takes several times as long to compile. A number is a setting, which nothing writes while compiled code runs;
     LLVM is told so, and reads it once before a loop over lanes, which otherwise wouldn't vectorise.
     """
 
-    def __init__(self, record: Any) -> None:
+    def __init__(self, record: np.dtype[Any]) -> None:
         self.record = record
-        super().__init__(name=f"Settings({record.name})")
+        # The full type would be in the name of each function and take longer to write than the function to compile.
+        super().__init__(name=f"View_{hashlib.sha256(repr(record).encode()).hexdigest()[:8]}")
 
 
-@register_model(Settings)
-class _SettingsModel(models.OpaqueModel):
-    """A pointer to the record."""
+class Rows(types.Type):
+    """The numbers of a row over the lanes, or of several rows, written and read as ``row[j]`` or ``rows[k, j]``.
+
+    As in the rest of compiled code no index is checked, and none counts from the end.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.shape = shape
+        super().__init__(name="_".join(["Rows", *map(str, shape)]))
+
+
+register_model(View)(models.OpaqueModel)
+register_model(Rows)(models.OpaqueModel)
 
 
 @_intrinsic
-def settings_at(typing_context: Any, numbers: Any, place: Any, kind: Any) -> Any:
-    """The settings of type ``kind`` that begin at a place of an array of float64."""
+def record_at(typing_context: Any, numbers: Any, place: Any, kind: Any) -> Any:
+    """The record of type ``kind`` that begins at a place of an array of float64; nothing is checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _pointer(context, builder, signature, arguments)
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        start = cgutils.gep(builder, array.data, arguments[1])
+        return builder.bitcast(start, cgutils.voidptr_t)
 
     if not isinstance(kind, types.DType):
         return None
-    return Settings(kind.dtype)(numbers, types.intp, kind), generate
+    return View(as_dtype(kind.dtype))(numbers, types.intp, kind), generate
 
 
-def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    array = context.make_array(signature.args[0])(context, builder, arguments[0])
-    start = cgutils.gep(builder, array.data, arguments[1])
-    return builder.bitcast(start, context.get_value_type(signature.return_type))
+def _kind_of(record: np.dtype[Any], name: str) -> tuple[types.Type, int]:
+    """What stands at that name of a record, and where [bytes]."""
+    assert record.fields is not None
+    inside, place = record.fields[name][:2]
+    if inside.subdtype is not None:
+        return Rows(inside.shape), place
+    return View(inside) if inside.names else types.float64, place
 
 
 @infer_getattr
-class _SettingsAttributes(AttributeTemplate):
-    key = Settings
+class _ViewAttributes(AttributeTemplate):
+    key = View
 
-    def generic_resolve(self, settings: Settings, name: str) -> Any:  # type: ignore[override]
-        if name not in settings.record.fields:
-            return None
-        inside = settings.record.typeof(name)
-        return Settings(inside) if isinstance(inside, types.Record) else inside
+    def generic_resolve(self, view: View, name: str) -> Any:  # type: ignore[override]
+        return _kind_of(view.record, name)[0] if name in (view.record.names or ()) else None
 
 
-@lower_getattr_generic(Settings)
-def _read_setting(context: Any, builder: Any, kind: Settings, value: Any, name: str) -> Any:
-    inside = kind.record.typeof(name)
-    place = cgutils.pointer_add(builder, value, kind.record.offset(name))
-    if isinstance(inside, types.Record):
-        return place
-    number = builder.load(builder.bitcast(place, context.get_value_type(inside).as_pointer()))
+@lower_getattr_generic(View)
+def _read_part(context: Any, builder: Any, view: View, value: Any, name: str) -> Any:
+    kind, place = _kind_of(view.record, name)
+    start = cgutils.pointer_add(builder, value, place)
+    if kind is not types.float64:
+        return start
+    number = builder.load(builder.bitcast(start, _DOUBLE.as_pointer()))
     number.set_metadata("invariant.load", builder.module.add_metadata([]))
     return number
+
+
+@infer_getattr
+class _RowsAttributes(AttributeTemplate):
+    key = Rows
+
+    def resolve_shape(self, rows: Rows) -> Any:
+        return types.UniTuple(types.intp, len(rows.shape))
+
+
+@lower_getattr(Rows, "shape")
+def _read_shape(context: Any, builder: Any, rows: Rows, value: Any) -> Any:
+    return context.get_constant_generic(builder, types.UniTuple(types.intp, len(rows.shape)), rows.shape)
+
+
+def _index_type(rows: Any, index: Any) -> Any:
+    """The type of an index that has as many numbers as there are dimensions, else None."""
+    if isinstance(rows, Rows):
+        if isinstance(index, types.Integer) and len(rows.shape) == 1:
+            return types.intp
+        if isinstance(index, types.BaseTuple) and len(index) == len(rows.shape):
+            return types.UniTuple(types.intp, len(index))
+    return None
+
+
+@infer_global(operator.getitem)
+class _ReadNumber(AbstractTemplate):
+    def generic(self, arguments: Any, keywords: Any) -> Any:
+        index = _index_type(*arguments)
+        return None if index is None else signature(types.float64, arguments[0], index)
+
+
+@infer_global(operator.setitem)
+class _WriteNumber(AbstractTemplate):
+    def generic(self, arguments: Any, keywords: Any) -> Any:
+        index = _index_type(*arguments[:2])
+        return None if index is None else signature(types.none, arguments[0], index, types.float64)
+
+
+def _place(builder: Any, rows: Rows, value: Any, index: Any, kind: Any) -> Any:
+    """Pointer to the number with that index."""
+    indices = cgutils.unpack_tuple(builder, index) if isinstance(kind, types.BaseTuple) else [index]
+    place = indices[0]
+    for size, further in zip(rows.shape[1:], indices[1:], strict=True):
+        place = builder.add(builder.mul(place, place.type(size)), further)
+    return builder.gep(builder.bitcast(value, _DOUBLE.as_pointer()), [place], inbounds=True)
+
+
+@lower_builtin(operator.getitem, Rows, types.Any)
+def _read_number(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return builder.load(_place(builder, signature.args[0], *arguments, signature.args[1]))
+
+
+@lower_builtin(operator.setitem, Rows, types.Any, types.float64)
+def _write_number(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    builder.store(arguments[2], _place(builder, signature.args[0], *arguments[:2], signature.args[1]))
+    return context.get_dummy_value()

@@ -10,7 +10,7 @@ import numpy as np
 
 from uwoc_gym.compute.compiled import compiled, inlined, pasted, subroutine
 from uwoc_gym.compute.elementary import whole
-from uwoc_gym.compute.records import LANES, STRIDE, record_at, settings_at
+from uwoc_gym.compute.records import LANES, STRIDE, record_at
 from uwoc_gym.compute.rng import STREAM, draw
 from uwoc_gym.sim.layout import (
     BLOCK,
@@ -35,17 +35,6 @@ HAS_ENDED = -2
 WRONG_SIZE = -3
 _CHOICE, _AFTER_SHIP = DRAWN_SHIP
 _ENDED = ROW["ending.ended"]
-
-
-@pasted
-def _world_of(memory):
-    return settings_at(memory, 0, WORLD)
-
-
-@pasted
-def _numbers_of(memory, world):
-    """A block's rows as plain numbers, of all blocks from the first on."""
-    return memory[int(world.layout.blocks) :]
 
 
 @subroutine
@@ -209,7 +198,7 @@ def _observe(memory, world, s, b, first, last, entries, first_lane) -> None:
             entries[place + active.size * j] = s[row + j]
 
 
-@pasted
+@subroutine
 def _show_start(memory, world, s, b, j, entries, lane) -> None:
     horizontal.turn_to_heading(b, j)
     _judge(world, b, j, j + 1)
@@ -233,9 +222,9 @@ def reset(memory, lanes, at_step, poses, velocities, alternatives, rows, only, c
     Numbers in the other arrays, one a lane, replace drawn ones: the ship's path where ``alternatives`` isn't negative,
     poses and velocities that are numbers, and ``chosen`` for each of ``rows`` that belongs to the path.
     """
-    world = _world_of(memory)
+    world = record_at(memory, 0, WORLD)
     size = int(world.layout.block_doubles)
-    blocks = _numbers_of(memory, world)
+    blocks = memory[int(world.layout.blocks) :]
     entries = observations.reshape(observations.size)
     for lane in lanes:
         s = blocks[lane // LANES * size :]
@@ -257,9 +246,9 @@ def reset(memory, lanes, at_step, poses, velocities, alternatives, rows, only, c
 @compiled
 def look(memory, observations):
     """Observe every lane anew; since errors are a function of the step, this repeats the last observation."""
-    world = _world_of(memory)
+    world = record_at(memory, 0, WORLD)
     size = int(world.layout.block_doubles)
-    blocks = _numbers_of(memory, world)
+    blocks = memory[int(world.layout.blocks) :]
     entries = observations.reshape(observations.size)
     for start_lane in range(0, observations.shape[0], LANES):
         s = blocks[start_lane // LANES * size :]
@@ -282,13 +271,13 @@ def _present(memory, world, s, b, lanes, entries, first_lane) -> None:
 @compiled
 def step_one(memory, act, seen):
     """`step` for a fleet of one without autoreset, with as few arguments as possible since each costs time."""
-    world = _world_of(memory)
+    world = record_at(memory, 0, WORLD)
     if act.size != action.WIDTHS[int(world.scenario.action)]:
         return WRONG_SIZE
     for i in range(act.size):
         if not abs(act[i]) <= _LARGEST:
             return NOT_FINITE
-    s = _numbers_of(memory, world)
+    s = memory[int(world.layout.blocks) :]
     b = record_at(s, 0, BLOCK)
     if b.ending.ended[0] > 0.0:
         return HAS_ENDED
@@ -305,10 +294,10 @@ def step(memory, actions, observations, out, flags, finals, first, last):
     ``first`` is a multiple of the block's lanes. ``out`` and ``flags`` receive the measures and flags before any
     autoreset in this step, ``finals`` the last observations of episodes that end where autoreset is in the same step.
     """
-    world = _world_of(memory)
+    world = record_at(memory, 0, WORLD)
     size = int(world.layout.block_doubles)
     autoreset = int(world.layout.autoreset)
-    blocks = _numbers_of(memory, world)
+    blocks = memory[int(world.layout.blocks) :]
     numbers = actions.reshape(actions.size)
     entries = observations.reshape(observations.size)
     width = actions.shape[1]
@@ -365,7 +354,7 @@ def step(memory, actions, observations, out, flags, finals, first, last):
 @compiled
 def rollout(memory, scratch, roots, actions, returns, rewards, distances, linked):
     """Fly copies of ``roots`` through ``actions`` in a block of scratch memory; see `Fleet.rollout`."""
-    world = _world_of(memory)
+    world = record_at(memory, 0, WORLD)
     s = scratch
     b = record_at(s, 0, BLOCK)
     horizon, flights, _ = actions.shape
