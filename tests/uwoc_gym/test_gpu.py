@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from uwoc_gym.compute.records import Settings
+from uwoc_gym.compute.records import View
 from uwoc_gym.sim.layout import BLOCK, WORLD
 from uwoc_gym.task import action, ending, observation, reward
 from uwoc_gym.world.auv import horizontal, sensors, start
@@ -22,10 +22,10 @@ cuda = pytest.importorskip("numba.cuda")
 COMPUTE_CAPABILITY = (9, 0)
 MODULES = (action, current, ending, link, observation, pulses, reward, sensors, paths, start, horizontal)
 TYPES = {
-    "b": numba.from_dtype(BLOCK),
+    "b": View(BLOCK),
     "j": numba.int64,
-    "world": Settings(numba.from_dtype(WORLD)),
-    "pulse": numba.from_dtype(pulses.PULSE),
+    "world": View(WORLD),
+    "pulse": View(pulses.PULSE),
     "numbers": numba.float64[::1],
     "splines": numba.float64[::1],
     **dict.fromkeys(("first", "last", "place"), numba.int64),

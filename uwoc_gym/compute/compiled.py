@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import gc
+import hashlib
+import pickle
 import sys
 import warnings
 from collections.abc import Callable
-from functools import lru_cache
+from contextlib import suppress
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import caching as numba_caching
 from numba.core import event as numba_event
+from numba.core import serialize as numba_serialize
 
 # Without types that mypy could follow.
 event: Any = numba_event
+caching: Any = numba_caching
+serialize: Any = numba_serialize
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 # "numpy" division never raises, which is what lets LLVM vectorise; fast-math stays off so that results don't
 # depend on how many simulations share a block.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "nogil": True}
-
-
-class CacheState:
-    """Whether Numba has found a folder that it can keep machine code in."""
-
-    available = True
 
 
 class Compiling(event.Listener):  # type: ignore[misc]
@@ -76,28 +77,70 @@ def _sources_stamp() -> tuple[tuple[str, int, int], ...]:
     return tuple((str(file.relative_to(folder)), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
 
 
+@cache
+def _warn_once(problem: str) -> None:
+    """Say what is wrong with the cache, which costs time only."""
+    advice = "set NUMBA_CACHE_DIR to a folder that can be written to, or every process compiles anew"
+    warnings.warn(f"{problem}; {advice}.", RuntimeWarning, stacklevel=2)
+
+
+class _Sealed(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    """Machine code with its digest, without which a damaged file would be run."""
+
+    def reduce(self, result: Any) -> tuple[str, bytes]:
+        code = serialize.dumps(super().reduce(result))
+        return hashlib.sha256(code).hexdigest(), code
+
+    def rebuild(self, target_context: Any, payload: tuple[str, bytes]) -> Any:
+        digest, code = payload
+        if hashlib.sha256(code).hexdigest() != digest:
+            raise ValueError("its digest is another")
+        return super().rebuild(target_context, pickle.loads(code))
+
+
+class _Cache(caching.FunctionCache):  # type: ignore[misc]
+    """Numba's cache, which is never a reason to stop: what it can't read or write is compiled instead."""
+
+    _impl_class = _Sealed
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        # Numba dates cached code by the file of the function alone, though it holds inlined code of other files.
+        self._cache_file._source_stamp = (self._cache_file._source_stamp, _sources_stamp())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:
+            # Reading damaged bytes can raise anything.
+            _warn_once(f"the cache of compiled code in {self.cache_path} is damaged and is written anew")
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _warn_once(f"the cache of compiled code in {self.cache_path} can't be written: {error.strerror}")
+
+
+def _cached(dispatcher: Any, attribute: str) -> None:
+    """Keep what ``dispatcher`` compiles on disk, or say once that there is no folder for it."""
+    try:
+        setattr(dispatcher, attribute, _Cache(dispatcher.py_func))
+    except RuntimeError:
+        _warn_once("Numba finds no folder to cache compiled code in")
+
+
 def compiled(function: Function) -> Function:
     """Compile ``function`` on first use and keep the machine code in Numba's cache.
 
-    Where no cache folder can be written, the function is compiled in memory instead and one warning says so.
+    Where it can't be read or written, the function is compiled in memory instead and one warning says so.
     """
-    if CacheState.available:
-        try:
-            dispatcher = numba.njit(cache=True, **_OPTIONS)(function)
-        except RuntimeError as error:
-            CacheState.available = False
-            warnings.warn(
-                f"Numba finds no folder to cache compiled code in ({error}); every process will compile anew. "
-                "Set NUMBA_CACHE_DIR to a writable folder to avoid that.",
-                RuntimeWarning,
-                stacklevel=2,
-            )
-        else:
-            # Numba dates cached code by the file of the function alone, though it holds inlined code of other files.
-            index = dispatcher._cache._cache_file
-            index._source_stamp = (index._source_stamp, _sources_stamp())
-            return cast(Function, dispatcher)
-    return cast(Function, numba.njit(**_OPTIONS)(function))
+    dispatcher: Any = numba.njit(**_OPTIONS)(function)
+    _cached(dispatcher, "_cache")
+    return cast(Function, dispatcher)
 
 
 # What only other compiled code calls needs no way in from Python, which takes time to compile.
@@ -125,6 +168,7 @@ def subroutine(function: Function) -> Function:
 
 def over_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
     """The scalar equation ``function``, plain or `inlined`, as a NumPy ufunc that is compiled on first use."""
-    vectorize: Any = cast(Any, numba).vectorize(cache=CacheState.available)
-    ufunc: Callable[..., Any] = vectorize(getattr(function, "py_func", function))
-    return ufunc
+    vectorize: Any = cast(Any, numba).vectorize()
+    ufunc: Any = vectorize(getattr(function, "py_func", function))
+    _cached(ufunc._dispatcher, "cache")
+    return cast(Callable[..., Any], ufunc)

@@ -228,7 +228,7 @@ class _WriteNumber(AbstractTemplate):
         return None if index is None else signature(types.none, arguments[0], index, types.float64)
 
 
-def _place(builder: Any, rows: Rows, value: Any, index: Any, kind: Any) -> Any:
+def _place(builder: Any, rows: Rows, kind: Any, value: Any, index: Any) -> Any:
     """Pointer to the number with that index."""
     indices = cgutils.unpack_tuple(builder, index) if isinstance(kind, types.BaseTuple) else [index]
     place = indices[0]
@@ -239,10 +239,13 @@ def _place(builder: Any, rows: Rows, value: Any, index: Any, kind: Any) -> Any:
 
 @lower_builtin(operator.getitem, Rows, types.Any)
 def _read_number(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return builder.load(_place(builder, signature.args[0], *arguments, signature.args[1]))
+    rows, kind = signature.args
+    return builder.load(_place(builder, rows, kind, *arguments))
 
 
 @lower_builtin(operator.setitem, Rows, types.Any, types.float64)
 def _write_number(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    builder.store(arguments[2], _place(builder, signature.args[0], *arguments[:2], signature.args[1]))
+    rows, kind, _ = signature.args
+    value, index, number = arguments
+    builder.store(number, _place(builder, rows, kind, value, index))
     return context.get_dummy_value()

@@ -4,11 +4,9 @@ import os
 import pickle
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import gymnasium as gym
-import numba
 import numpy as np
 import pytest
 
@@ -17,54 +15,83 @@ from uwoc_gym.compute import compiled
 from uwoc_gym.sim import paper
 
 
-@pytest.mark.parametrize("edited", ["rooms/equation.py", "main.py"])
-def test_an_edit_anywhere_in_the_package_is_compiled(tmp_path, edited):
-    """A package with this package's `compiled` and an equation in a room of its own, which then changes."""
+@pytest.fixture
+def toy(tmp_path):
+    """A package with this package's `compiled`, an equation in a room of its own, and two functions of it."""
     own = Path(compiled.__file__).relative_to(Path(uwoc_gym.__file__).parent)
     inside = f"toy.{own.with_suffix('').as_posix().replace('/', '.')}"
     files = {
         own.as_posix(): Path(compiled.__file__).read_text(),
         "rooms/equation.py": f"from {inside} import inlined\n@inlined\ndef times(x):\n    return 2.0 * x\n",
-        "main.py": f"from {inside} import compiled\nfrom toy.rooms.equation import times\n"
-        "@compiled\ndef run(x):\n    return 10.0 + times(x)\n",
+        "main.py": f"from {inside} import compiled, over_arrays\nfrom toy.rooms.equation import times\n"
+        "@compiled\ndef run(x):\n    return 10.0 + times(x)\n"
+        "@over_arrays\ndef run_over(x):\n    return 10.0 + times(x)\n",
     }
     for name, text in files.items():
         path = tmp_path / "toy" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
 
-    def result():
+    def result(before=""):
+        """What both functions give, how often the first came from the cache, and the warnings."""
         environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
-        code = "from toy.main import run; print(run(1.0), sum(run.stats.cache_hits.values()))"
-        return subprocess.check_output([sys.executable, "-c", code], env=environment, text=True).split()
+        code = (
+            f"{before}\nfrom toy.main import run, run_over\n"
+            "print(run(1.0), run_over(1.0), sum(run.stats.cache_hits.values()))"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True, timeout=120
+        )
+        return (*done.stdout.split(), done.stderr.count("RuntimeWarning"))
 
-    assert result() == ["12.0", "0"]
-    assert result() == ["12.0", "1"]
+    return result
+
+
+@pytest.mark.parametrize("edited", ["rooms/equation.py", "main.py"])
+def test_an_edit_anywhere_in_the_package_is_compiled(toy, tmp_path, edited):
+    assert toy() == ("12.0", "12.0", "0", 0)
+    assert toy() == ("12.0", "12.0", "1", 0)
     path = tmp_path / "toy" / edited
     path.write_text(path.read_text().replace("2.0 *", "3.0 *").replace("10.0 +", "100.0 +"))
-    assert result()[0] in ("13.0", "102.0")
+    assert toy()[:2] in (("13.0", "13.0"), ("102.0", "102.0"))
 
 
-def _double(x):
-    return 2 * x
+def test_compiles_in_memory_with_one_warning_where_no_folder_is_found(toy):
+    nowhere = "from numba.core import caching; caching.CacheImpl._locator_classes = []"
+    assert toy(nowhere) == ("12.0", "12.0", "0", 1)
 
 
-def test_compiles_in_memory_with_one_warning_where_nothing_can_be_cached(monkeypatch):
-    real = numba.njit
+def test_this_package_is_imported_where_no_folder_is_found():
+    code = "from numba.core import caching; caching.CacheImpl._locator_classes = []; import uwoc_gym"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stderr.count("RuntimeWarning") == 1
+    assert "NUMBA_CACHE_DIR" in done.stderr
 
-    def without_cache(*arguments, cache=False, **options):
-        if cache:
-            return lambda function: (_ for _ in ()).throw(RuntimeError("cannot cache"))
-        return real(*arguments, **options)
 
-    monkeypatch.setattr(compiled.numba, "njit", without_cache)
-    monkeypatch.setattr(compiled.CacheState, "available", True)
-    with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
-        function = compiled.compiled(_double)
-    assert function(3) == 6
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert compiled.compiled(_double)(4) == 8
+def _truncate(data):
+    return data[: len(data) // 2]
+
+
+def _flip(data):
+    middle = len(data) // 2
+    return data[:middle] + bytes(each ^ 0xFF for each in data[middle : middle + 64]) + data[middle + 64 :]
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", [_truncate, _flip, lambda data: b"", lambda data: b"nonsense"])
+def test_a_damaged_cache_is_replaced_with_one_warning(toy, tmp_path, suffix, damage):
+    toy()
+    for path in (tmp_path / "cache").rglob(f"*{suffix}"):
+        path.write_bytes(damage(path.read_bytes()))
+    assert toy() == ("12.0", "12.0", "0", 1)
+    assert toy() == ("12.0", "12.0", "1", 0)
+
+
+def test_a_full_disk_costs_a_warning(toy):
+    resource = pytest.importorskip("resource")
+    full = f"import resource; resource.setrlimit({resource.RLIMIT_FSIZE}, (64, 64))"
+    assert toy(full) == ("12.0", "12.0", "0", 1)
+    assert toy() == ("12.0", "12.0", "0", 0)
 
 
 def test_importing_compiles_nothing():
