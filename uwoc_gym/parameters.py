@@ -32,6 +32,12 @@ class Range(NamedTuple):
         return 0.5 * (self.low + self.high)
 
 
+ANY_ANGLE = 4.0 * math.pi
+"""Bound of angles [rad], which mean the same a turn further on."""
+
+FARTHEST_M = 1e7
+"""Bound of places [m]; grid coordinates of recorded tracks lie within it."""
+
 Number = float | tuple[float, float]
 """A number, or a pair (low, high) that becomes a `Range`."""
 
@@ -72,8 +78,6 @@ class NumberSpec(_Spec):
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
-    open_low: bool = False
-    open_high: bool = False
     randomisable: bool = True
     optional: bool = False
     source: str = ""
@@ -85,17 +89,13 @@ class NumberSpec(_Spec):
     @property
     def allowed(self) -> str:
         """What the field accepts, in words."""
-        left = "(" if self.open_low or math.isinf(self.low) else "["
-        right = ")" if self.open_high or math.isinf(self.high) else "]"
-        text = f"a number in {left}{self.low:g}, {self.high:g}{right} [{self.unit}]"
+        text = f"a number in [{self.low:g}, {self.high:g}] [{self.unit}]"
         if self.randomisable:
             text += " or a pair (low, high) of such numbers to draw from"
         return text + (" or None" if self.optional else "")
 
     def _inside(self, value: float) -> bool:
-        above = value > self.low if self.open_low else value >= self.low
-        below = value < self.high if self.open_high else value <= self.high
-        return math.isfinite(value) and above and below
+        return self.low <= value <= self.high
 
     def parse(self, value: Any, where: str) -> float | Range | None:
         if value is None and self.optional:
@@ -267,22 +267,18 @@ def number(
     unit: str,
     description: str,
     *,
-    low: float = -math.inf,
-    high: float = math.inf,
-    positive: bool = False,
-    open_high: bool = False,
+    low: float,
+    high: float,
     randomisable: bool = True,
     optional: bool = False,
     source: str = "",
 ) -> Any:
-    """A dataclass field for a number [unit] in [low, high]; `positive` makes it (0, high]."""
+    """A dataclass field for a number [unit] in [low, high], beyond which no vehicle, sea or light is."""
     spec = NumberSpec(
         description=description,
         unit=unit,
-        low=0.0 if positive else low,
+        low=low,
         high=high,
-        open_low=positive,
-        open_high=open_high,
         randomisable=randomisable,
         optional=optional,
         source=source,

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,17 @@ from uwoc_gym.compute.compiled import compiled, inlined
 from uwoc_gym.compute.elementary import atan2, floor, fma, sincos
 from uwoc_gym.compute.records import CLOCK, block_type, record_at, rows
 from uwoc_gym.compute.rng import draw, key_from_seed
-from uwoc_gym.parameters import ChoiceSpec, Number, Parameters, SettingError, choice, number, samples
+from uwoc_gym.parameters import (
+    ANY_ANGLE,
+    FARTHEST_M,
+    ChoiceSpec,
+    Number,
+    Parameters,
+    SettingError,
+    choice,
+    number,
+    samples,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -47,6 +57,11 @@ SEGMENT_DOUBLES = SEGMENT.itemsize // 8
 COURSE = (0.0, 2.0 * math.pi)
 
 
+def _corners(x: Number, y: Number) -> Array:
+    """The corners of what two numbers may be drawn from, (n, 2)."""
+    return np.stack(np.meshgrid(np.ravel(x), np.ravel(y), indexing="ij"), axis=-1).reshape(-1, 2)
+
+
 class ShipMotion(NamedTuple):
     """The ship's motion in the earth frame at T times, each of shape (T, 3) for x, y, yaw [m, m, rad and per s, s²]."""
 
@@ -67,6 +82,11 @@ class ShipPath(Parameters):
     def end_time_s(self) -> float:
         """Time [s] at which the path ends; infinite unless recorded."""
         return math.inf
+
+    def starts(self) -> Array:
+        """Places at time 0 of which one is the farthest possible from wherever one is, (n, 2) [m]; none if unknown."""
+        own: Any = self
+        return _corners(own.x_m, own.y_m)
 
     def at(self, time_s: npt.ArrayLike, seed: int = 0) -> ShipMotion:
         """Pose, velocity and acceleration at times [s] of shape (T,).
@@ -104,9 +124,16 @@ class PaperPath(ShipPath):
 
     kind: ClassVar[str] = "paper"
 
-    radius_m: Number = number(10.0, "m", "radius of the circle", low=0.0, source="paper, sec. 4")
-    rate_rad_s: Number = number(0.1, "rad/s", "rate of turning and of the swing", source="paper, sec. 4")
-    swing_rad: Number = number(math.pi / 2, "rad", "amplitude of the heading's swing", source="paper, sec. 4")
+    radius_m: Number = number(10.0, "m", "radius of the circle", low=0.0, high=1e6, source="paper, sec. 4")
+    rate_rad_s: Number = number(
+        0.1, "rad/s", "rate of turning and of the swing", low=-10.0, high=10.0, source="paper, sec. 4"
+    )
+    swing_rad: Number = number(
+        math.pi / 2, "rad", "amplitude of the heading's swing", low=-6.3, high=6.3, source="paper, sec. 4"
+    )
+
+    def starts(self) -> Array:
+        return _corners(0.0, self.radius_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,10 +142,10 @@ class StraightPath(ShipPath):
 
     kind: ClassVar[str] = "straight"
 
-    x_m: Number = number(0.0, "m", "x at time 0")
-    y_m: Number = number(0.0, "m", "y at time 0")
-    course_rad: Number = number(0.0, "rad", "course")
-    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
+    x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(0.0, "rad", "course", low=-ANY_ANGLE, high=ANY_ANGLE)
+    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, high=30.0, source="paper's ship: 1 m/s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,12 +154,21 @@ class CirclePath(ShipPath):
 
     kind: ClassVar[str] = "circle"
 
-    x_m: Number = number(0.0, "m", "x of the centre")
-    y_m: Number = number(0.0, "m", "y of the centre")
-    radius_m: Number = number(10.0, "m", "radius", positive=True, source="paper's ship: 10 m")
-    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
-    start_angle_rad: Number = number(0.0, "rad", "direction from the centre to the ship at time 0")
+    x_m: Number = number(0.0, "m", "x of the centre", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y of the centre", low=-FARTHEST_M, high=FARTHEST_M)
+    radius_m: Number = number(10.0, "m", "radius", low=0.1, high=1e6, source="paper's ship: 10 m")
+    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, high=30.0, source="paper's ship: 1 m/s")
+    start_angle_rad: Number = number(
+        0.0, "rad", "direction from the centre to the ship at time 0", low=-ANY_ANGLE, high=ANY_ANGLE
+    )
     turn: str = choice("starboard", ("starboard", "port"), "side to which the ship turns")
+
+    def starts(self) -> Array:
+        low, high = _corners(self.start_angle_rad, 0.0)[[0, -1], 0]
+        angles = np.linspace(low, high, 361)
+        ring = np.multiply.outer(np.ravel(self.radius_m), np.column_stack([np.cos(angles), np.sin(angles)]))
+        found: Array = _corners(self.x_m, self.y_m)[:, None] + ring.reshape(1, -1, 2)
+        return found.reshape(-1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,13 +181,13 @@ class RandomPath(ShipPath):
 
     kind: ClassVar[str] = "random"
 
-    x_m: Number = number(0.0, "m", "x at time 0")
-    y_m: Number = number(0.0, "m", "y at time 0")
-    course_rad: Number = number(COURSE, "rad", "mean course")
-    speed_mps: Number = number(0.8, "m/s", "mean speed", positive=True)
+    x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(COURSE, "rad", "mean course", low=-ANY_ANGLE, high=ANY_ANGLE)
+    speed_mps: Number = number(0.8, "m/s", "mean speed", low=0.001, high=30.0)
     wander: Number = number(0.6, "1", "speed of the turning vectors over the mean speed", low=0.0, high=0.9)
-    shortest_period_s: Number = number(20.0, "s", "shortest period of a turning vector", positive=True)
-    longest_period_s: Number = number(60.0, "s", "longest period of a turning vector", positive=True)
+    shortest_period_s: Number = number(20.0, "s", "shortest period of a turning vector", low=0.1, high=1e6)
+    longest_period_s: Number = number(60.0, "s", "longest period of a turning vector", low=0.1, high=1e6)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,12 +196,12 @@ class LawnMowerPath(ShipPath):
 
     kind: ClassVar[str] = "lawn-mower"
 
-    x_m: Number = number(0.0, "m", "x at time 0")
-    y_m: Number = number(0.0, "m", "y at time 0")
-    course_rad: Number = number(0.0, "rad", "course of the first leg")
-    leg_length_m: Number = number(20.0, "m", "length of a leg", positive=True)
-    spacing_m: Number = number(8.0, "m", "distance between legs", positive=True)
-    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
+    x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(0.0, "rad", "course of the first leg", low=-ANY_ANGLE, high=ANY_ANGLE)
+    leg_length_m: Number = number(20.0, "m", "length of a leg", low=0.1, high=1e6)
+    spacing_m: Number = number(8.0, "m", "distance between legs", low=0.1, high=1e6)
+    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, high=30.0, source="paper's ship: 1 m/s")
     turn: str = choice("starboard", ("starboard", "port"), "side of the first turn")
 
 
@@ -217,6 +253,9 @@ class RecordedPath(ShipPath):
     def end_time_s(self) -> float:
         return self.time_s[-1]
 
+    def starts(self) -> Array:
+        return _corners(self.x_m[0], self.y_m[0])
+
     def segments(self) -> Array:
         return _splines(self.time_s, self.x_m, self.y_m, self.yaw_rad)
 
@@ -246,14 +285,17 @@ class CarriedOnPath(ShipPath):
 
     kind: ClassVar[str] = "carried-on"
 
-    x_m: Number = number(0.0, "m", "x at that moment")
-    y_m: Number = number(0.0, "m", "y at that moment")
-    course_rad: Number = number(0.0, "rad", "course at that moment")
-    speed_mps: Number = number(0.0, "m/s", "speed", low=0.0)
-    turn_rad_s: Number = number(0.0, "rad/s", "rate at which the course turns")
-    yaw_rad: Number = number(0.0, "rad", "heading at that moment")
-    yaw_rate_rad_s: Number = number(0.0, "rad/s", "rate at which the heading turns")
-    moment_s: Number = number(0.0, "s", "the moment", low=0.0)
+    x_m: Number = number(0.0, "m", "x at that moment", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at that moment", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(0.0, "rad", "course at that moment", low=-ANY_ANGLE, high=ANY_ANGLE)
+    speed_mps: Number = number(0.0, "m/s", "speed", low=0.0, high=30.0)
+    turn_rad_s: Number = number(0.0, "rad/s", "rate at which the course turns", low=-10.0, high=10.0)
+    yaw_rad: Number = number(0.0, "rad", "heading at that moment", low=-ANY_ANGLE, high=ANY_ANGLE)
+    yaw_rate_rad_s: Number = number(0.0, "rad/s", "rate at which the heading turns", low=-10.0, high=10.0)
+    moment_s: Number = number(0.0, "s", "the moment", low=0.0, high=1e6)
+
+    def starts(self) -> Array:
+        return np.empty((0, 2))
 
 
 SHIP_PATHS: tuple[type[ShipPath], ...] = (
