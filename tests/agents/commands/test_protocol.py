@@ -121,7 +121,7 @@ def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
     protocol.train_all([job], 1)
     assert json.loads((job.folder / "results.json").read_text())["finished"]
     with pytest.raises(CommandError, match="was begun with other settings"):
-        protocol.train_all([protocol.Job(replace(wish, set=()), job.folder)], 1)
+        protocol.check({"ppo": [protocol.Job(replace(wish, set=()), job.folder)]}, {})
 
 
 def test_groups_say_the_commands_of_the_benchmark():
