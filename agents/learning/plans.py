@@ -137,16 +137,16 @@ def recorded_plan(path: Path) -> dict[str, Any]:
         found["overrides"] = [found["overrides"]] if found["overrides"] else []
     found.setdefault("name", found.get("env"))
     for key, allowed, fits in _RECORDED:
-        if not fits(found.get(key)):
+        if not fits(found.get(key)) and (key in found or key not in _MAY_LACK):
             raise CommandError(
                 f"{path} doesn't describe a run: {key} = {shown(found.get(key))} is not allowed; it must be {allowed}."
             )
     return found
 
 
-def _count_or_none(limit: str) -> Callable[[Any], bool]:
+def _is_count(limit: str) -> Callable[[Any], bool]:
     bounds = LIMITS[limit]
-    return lambda value: value is None or (type(value) is int and bounds.low <= value <= bounds.high)
+    return lambda value: type(value) is int and bounds.low <= value <= bounds.high
 
 
 _RECORDED: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
@@ -160,12 +160,14 @@ _RECORDED: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
         lambda value: isinstance(value, list) and all(isinstance(each, dict) for each in value),
     ),
     ("scenario", "null or a mapping of settings", lambda value: value is None or isinstance(value, dict)),
-    ("seed", "a whole number", _count_or_none("seed")),
-    ("eval_every", LIMITS["steps"].allowed, _count_or_none("steps")),
-    ("eval_episodes", LIMITS["seeds"].allowed, _count_or_none("seeds")),
-    ("checkpoint_every", LIMITS["steps"].allowed, _count_or_none("steps")),
+    ("seed", "a whole number", _is_count("seed")),
+    ("eval_every", LIMITS["steps"].allowed, _is_count("steps")),
+    ("eval_episodes", LIMITS["seeds"].allowed, _is_count("seeds")),
+    ("checkpoint_every", LIMITS["steps"].allowed, _is_count("steps")),
 )
 """What a ``run.json`` holds, in words and as a check."""
+
+_MAY_LACK = ("seed", "eval_every", "eval_episodes", "checkpoint_every")
 
 
 def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:

@@ -104,7 +104,7 @@ def resolve(
     given = entries[key]
     if not isinstance(given, Mapping):
         raise CommandError(f"{source}: {key} = {shown(given)} is not allowed; it must be a mapping of settings.")
-    values = checked(algorithm, OWN | dict(given), str(source))
+    values = checked(algorithm, given, str(source))
     return (assigned(algorithm, values, assignments) if assignments else values), source
 
 
@@ -196,7 +196,7 @@ def _parameters(algorithm: str) -> dict[str, Any]:
 
 
 def checked(algorithm: str, values: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The settings as plain data with every value checked.
+    """The settings as plain data with every value checked; those of `OWN` that are left out have their defaults.
 
     Raises:
         CommandError: A setting is unknown (the nearest valid name is given) or not allowed.
@@ -205,6 +205,7 @@ def checked(algorithm: str, values: Mapping[str, Any], where: str) -> dict[str, 
         check_plain(values)
     except SettingError as error:
         raise CommandError(f"{where}: the settings = {shown(values)} are not allowed: {error}") from None
+    values = OWN | dict(values)
     defaults = _parameters(algorithm)
     known = [*OWN, *defaults]
     result: dict[str, Any] = {}
