@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints
 from uwoc_gym.agents.learning.plans import Job, Plan, Wish, planned, recorded_plan
@@ -101,7 +101,8 @@ def check(groups: Mapping[str, Sequence[Job]], scenarios: Mapping[str, Scenario]
     """
     for group, jobs in groups.items():
         for job in jobs:
-            plan = planned(job.wish)
+            with naming(f"--groups {group}"):
+                plan = planned(job.wish)
             _check_same(job, plan)
             for name, scenario in scenarios.items():
                 task = plan.task

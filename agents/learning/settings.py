@@ -110,9 +110,9 @@ def resolve(
 
 def _read(path: Path) -> dict[Any, Any]:
     try:
-        found = _from_yaml(read_text(path, _LONGEST_YAML))
+        found = _from_yaml(read_text(path, _LONGEST_YAML), str(path))
     except SettingError as error:
-        raise CommandError(f"settings {path}: {error}") from None
+        raise CommandError(f"settings {error}") from None
     if not isinstance(found, dict):
         raise CommandError(
             f"settings {path} = {shown(found)} is not allowed; it must be a mapping from environment IDs to settings."
@@ -120,8 +120,8 @@ def _read(path: Path) -> dict[Any, Any]:
     return found
 
 
-def _from_yaml(text: str) -> Any:
-    """What a YAML text says.
+def _from_yaml(text: str, name: str | None = None) -> Any:
+    """What a YAML text says; an error calls it by the name, or shows it.
 
     Raises:
         SettingError: It isn't valid, or nested or grown beyond bounds.
@@ -132,10 +132,10 @@ def _from_yaml(text: str) -> Any:
         found = yaml.load(text, _loader())
         check_plain(found)
     except RecursionError:
-        raise SettingError(f"{shown(text)} isn't valid YAML: it is nested too deeply.") from None
+        raise SettingError(f"{name or shown(text)} isn't valid YAML: it is nested too deeply.") from None
     except (yaml.YAMLError, SettingError, ValueError, TypeError, OverflowError) as error:
         # A key that can't be one is a TypeError, a date or a number that can't be one a ValueError.
-        raise SettingError(f"{shown(text)} isn't valid YAML: {error}") from None
+        raise SettingError(f"{name or shown(text)} isn't valid YAML: {error}") from None
     return found
 
 
