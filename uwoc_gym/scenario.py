@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from uwoc_gym.given import from_json, shown
 from uwoc_gym.parameters import Number, Parameters, SettingError, child, choice, closest, number
 from uwoc_gym.task.action import KINDS
 from uwoc_gym.task.ending import RATE_TIMES_STEP, EpisodeSettings
@@ -153,8 +154,8 @@ class Scenario(Parameters):
         Raises:
             SettingError: There is no scenario of that name; the nearest one is given.
         """
-        if name not in SCENARIOS:
-            raise SettingError(f"There is no scenario {name!r}; {closest(name, list(SCENARIOS))}")
+        if not isinstance(name, str) or name not in SCENARIOS:
+            raise SettingError(f"There is no scenario {shown(name)}; {closest(name, SCENARIOS)}")
         return SCENARIOS[name]
 
     def known(self, integration_step_s: float | None = None) -> Scenario:
@@ -195,12 +196,9 @@ class Scenario(Parameters):
         Raises:
             SettingError: The text isn't a JSON object, a key is unknown or a value isn't allowed.
         """
-        try:
-            data = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise SettingError(f"The scenario isn't valid JSON: {error}.") from None
+        data = from_json(text, f"The scenario {shown(text)}")
         if not isinstance(data, Mapping):
-            raise SettingError("The scenario's JSON must be an object.")
+            raise SettingError(f"The scenario {shown(text)} is not allowed; its JSON must be an object.")
         return cls.from_dict(data)
 
 

@@ -170,12 +170,12 @@ def test_unknown_names(data, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "The scenario isn't valid JSON"),
-        ("[1, 2]", "The scenario's JSON must be an object"),
+        ("{", "The scenario '{' isn't valid JSON"),
+        ("[1, 2]", "its JSON must be an object"),
         ('{"vehicle": 3}', "Scenario.vehicle = 3 is not allowed; it must be a Vehicle or a mapping"),
         ('{"ship": []}', r"Scenario.ship = \[\] is not allowed; it needs at least one of PaperPath"),
         ('{"ship": "circle"}', "Scenario.ship = 'circle' is not allowed"),
-        ('{"sea": {"pulses": {}}}', r"Sea.pulses = {} is not allowed; it must be a list of Pulse"),
+        ('{"sea": {"pulses": {}}}', r"Sea.pulses = {} is not allowed; it must be a list of at most 1000 Pulse"),
         ('{"vehicle": {"mass_scale": NaN}}', "Vehicle.mass_scale = nan is not allowed"),
         ('{"vehicle": {"mass_scale": "1"}}', "Vehicle.mass_scale = '1' is not allowed"),
         ('{"vehicle": {"mass_scale": true}}', "Vehicle.mass_scale = True is not allowed"),
@@ -351,7 +351,7 @@ def test_merged_pulses_replace():
 
 @pytest.mark.parametrize("overrides", [3, [("vehicle", {})], None])
 def test_merged_needs_a_mapping(overrides):
-    with pytest.raises(SettingError, match="Scenario overrides must be a mapping"):
+    with pytest.raises(SettingError, match=r"Scenario = .* is not allowed; changes to it must be a mapping"):
         Scenario().merged(overrides)
 
 

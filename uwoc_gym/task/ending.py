@@ -74,7 +74,8 @@ class EpisodeSettings(Parameters):
 
 def _whole(long: float, short: float, long_name: str, short_name: str) -> None:
     ratio = long / short
-    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+    # Beyond that doubles don't count any more.
+    if not ratio < 2.0**53 or round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
         raise SettingError(
             f"EpisodeSettings.{long_name} = {long!r} is not allowed; it must be a whole multiple of "
             f"{short_name} = {short!r} [s]."

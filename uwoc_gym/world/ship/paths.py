@@ -8,6 +8,7 @@ paths are computed beside it. Yaw grows from x (north) to y (east): a positive y
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,6 +23,7 @@ from uwoc_gym.compute.compiled import compiled, inlined
 from uwoc_gym.compute.elementary import atan2, floor, fma, sincos
 from uwoc_gym.compute.records import CLOCK, block_type, record_at, rows
 from uwoc_gym.compute.rng import draw, key_from_seed
+from uwoc_gym.given import LIMITS, as_numbers, closest, read_text, shown
 from uwoc_gym.parameters import (
     ANY_ANGLE,
     FARTHEST_M,
@@ -97,11 +99,15 @@ class ShipPath(Parameters):
 
         Raises:
             SettingError: A number of the path is a range, or a choice one of several.
-            ValueError: A time lies outside the path.
+            ValueError: A time isn't a number or lies outside the path.
         """
-        times = np.atleast_1d(np.asarray(time_s, dtype=float))
-        if not (np.isfinite(times) & (times >= 0.0) & (times <= self.end_time_s)).all():
-            raise ValueError(f"time_s must lie in [0, {self.end_time_s:g}] [s].")
+        given = as_numbers(time_s)
+        if given is None or given.ndim > 1 or not ((given >= 0.0) & (given <= self.end_time_s)).all():
+            raise ValueError(
+                f"time_s = {shown(time_s)} is not allowed; it must be a number or of shape (T,), in "
+                f"[0, {self.end_time_s:g}] [s]."
+            )
+        times = np.atleast_1d(given)
         specs = self.specs()
         for name in self.drawn():
             _ = self.option(name) if isinstance(specs[name], ChoiceSpec) else self.value(name)
@@ -205,12 +211,17 @@ class LawnMowerPath(ShipPath):
     turn: str = choice("starboard", ("starboard", "port"), "side of the first turn")
 
 
+FASTEST_MPS = 100.0
+"""Speed from one sample of a recorded path to the next beyond which it isn't a ship's; fast ferries reach 30 m/s."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RecordedPath(ShipPath):
     """A recorded path: a cubic spline with continuous acceleration through samples of position and heading.
 
     Velocity and acceleration are the spline's derivatives, hence consistent with the position. Without ``yaw_rad``
-    the heading follows the course over ground.
+    the heading follows the course over ground. A ship that goes faster than 100 m/s from one sample to the next is
+    refused.
     """
 
     kind: ClassVar[str] = "recorded"
@@ -228,26 +239,45 @@ class RecordedPath(ShipPath):
                 raise SettingError(
                     f"RecordedPath.{name} has {len(values)} samples; it must have as many as time_s, {count}."
                 )
-        if count < 4 or self.time_s[0] != 0.0 or not (np.diff(self.time_s) > 0.0).all():
-            raise SettingError("RecordedPath.time_s must be four or more increasing times that start at 0 [s].")
+        if count < 4 or self.time_s[0] != 0.0:
+            raise SettingError(
+                f"RecordedPath.time_s = {shown(self.time_s)} is not allowed; it must be four or more increasing times "
+                "that start at 0 [s]."
+            )
+        with np.errstate(over="ignore", invalid="ignore"):
+            elapsed = np.diff(self.time_s)
+            gone = np.hypot(np.diff(self.x_m), np.diff(self.y_m))
+            late, near = elapsed > 0.0, gone <= FASTEST_MPS * elapsed
+        for i in np.flatnonzero(~late)[:1]:
+            raise SettingError(
+                f"RecordedPath.time_s[{i + 1}] = {self.time_s[i + 1]!r} is not allowed; in row {i + 2} it must be "
+                f"above that of the row before, {self.time_s[i]!r} [s]."
+            )
+        for i in np.flatnonzero(~near)[:1]:
+            raise SettingError(
+                f"RecordedPath.x_m[{i + 1}], y_m[{i + 1}] = {self.x_m[i + 1]!r}, {self.y_m[i + 1]!r} is not allowed; "
+                f"in row {i + 2} it is {gone[i]:.6g} m from the row before, {elapsed[i]:.6g} s later, and its speed "
+                f"must be at most {FASTEST_MPS:g} m/s."
+            )
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Self:
         """Read a CSV file with the columns time_s, x_m, y_m and, optionally, yaw_rad.
 
+        Its rows are counted from 1 below the header, without empty lines.
+
         Raises:
             FileNotFoundError: There is no such file.
-            SettingError: A column is missing or unknown, or a cell isn't a number.
+            SettingError: It can't be read, a column is missing, doubled or unknown, a row has more or fewer cells than
+                the header, a cell isn't a finite number, or the path isn't allowed.
         """
-        with open(path, newline="") as file:
-            rows = list(csv.DictReader(file))
-        columns: dict[str, list[float]] = {}
-        for name in rows[0] if rows else ():
-            try:
-                columns[name] = [float(row[name]) for row in rows]
-            except (TypeError, ValueError):
-                raise SettingError(f"{path}: column {name!r} must hold a number in every row.") from None
-        return cls.from_dict(columns)
+        if not Path(path).exists():
+            raise FileNotFoundError(f"there is no file {str(path)!r}")
+        text = read_text(path)
+        try:
+            return cls.from_dict(_columns(text, list(cls.specs())))
+        except (SettingError, csv.Error) as error:
+            raise SettingError(f"{path}: {error}") from None
 
     @property
     def end_time_s(self) -> float:
@@ -258,6 +288,42 @@ class RecordedPath(ShipPath):
 
     def segments(self) -> Array:
         return _splines(self.time_s, self.x_m, self.y_m, self.yaw_rad)
+
+
+def _columns(text: str, known: list[str]) -> dict[str, list[float]]:
+    """The numbers of a CSV text by column.
+
+    Raises:
+        SettingError: A column is unknown or doubled, or a row or cell isn't as it should be.
+        csv.Error: It isn't CSV.
+    """
+    lines = (row for row in csv.reader(io.StringIO(text, newline="")) if row)
+    names = [name.strip() for name in next(lines, [])]
+    for name in names:
+        if name not in known:
+            raise SettingError(f"there is no column {shown(name)}; {closest(name, known)}")
+        if names.count(name) > 1:
+            raise SettingError(f"column {name!r} stands there {names.count(name)} times; it must be there once.")
+    columns: dict[str, list[float]] = {name: [] for name in names}
+    for i, row in enumerate(lines):
+        if i == LIMITS["samples"].high:
+            raise SettingError(f"row {i + 1} is not allowed; there must be at most {i:_} rows.")
+        if len(row) != len(names):
+            raise SettingError(
+                f"row {i + 1} = {shown(row)} is not allowed; it must have a cell for each of the {len(names)} columns "
+                f"{', '.join(names)}."
+            )
+        for name, cell in zip(names, row, strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                raise SettingError(
+                    f"column {name!r} = {shown(cell)} in row {i + 1} is not allowed; it must be a finite number."
+                )
+            columns[name].append(value)
+    return columns if any(columns.values()) else {}
 
 
 @lru_cache(maxsize=8)
