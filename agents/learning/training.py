@@ -27,6 +27,7 @@ from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, reco
 from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import constructor_arguments, written
 from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies.agent import Agent, stack
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, tables
@@ -177,7 +178,7 @@ class Run:
             load_buffer(model.replay_buffer, path / "replay.npz")
         return model
 
-    def agent(self) -> saved.Agent:
+    def agent(self) -> Agent:
         """The present policy, as it would fly after training."""
         plan = self.plan
         normalise = self.statistics.normalize_obs if self.statistics is not None else None
@@ -185,7 +186,7 @@ class Run:
             Controller(plan.gains, plan.task.known()) if plan.gains is not None and plan.task is not None else None
         )
         frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
-        return saved.Agent(self.model, normalise, frames, controller, scale)
+        return Agent(self.model, normalise, frames, controller, scale)
 
     def train(self, bar: bool = True) -> None:
         """Train to the end of the budget, and leave everything in the folder.
@@ -496,7 +497,7 @@ def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[d
             if statistics is not None:
                 given = statistics.normalize_obs(given)
             if plan.values["frame_stack"] > 1:
-                given = stacked = saved.stack(stacked, given, begun, plan.values["frame_stack"])
+                given = stacked = stack(stacked, given, begun, plan.values["frame_stack"])
             action, memory = model.predict(given, memory, begun, deterministic=True)
             observation, reward, terminated, truncated, _ = env.step(action[0])
             total, begun, over = total + float(reward), np.zeros(1, dtype=bool), terminated or truncated

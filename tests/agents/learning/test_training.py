@@ -21,7 +21,7 @@ from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import checkpoints, plans, seeds, settings, training
 from uwoc_gym.agents.learning.plans import Wish
-from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES, load, shipped
 
@@ -229,7 +229,7 @@ def test_a_residual_run_flies_by_the_controller_that_it_was_trained_with(tmp_pat
     assert main(_command("ppo", out, *more, steps=64)) == 0
     assert (out / "vecnormalize.pkl").is_file()
     agent = agents.load(str(out), SCENARIO)
-    assert isinstance(agent, saved.Agent)
+    assert isinstance(agent, Agent)
     assert agent.controller is not None
     assert agent.controller.gain_sets[0].a_p == (300.0, 300.0, 300.0)
     action, _ = agent.predict(np.zeros(20, dtype=np.float32), deterministic=True)

@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 from uwoc_gym import Scenario
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import environments, seeds, settings
-from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.sb3 import TrackingVecEnv
@@ -63,7 +63,7 @@ def test_inference_stacks_normalises_and_corrects_as_training_does() -> None:
     statistics.training = False
     env.seed(seeds.training_seed(1))
     plain = TrackingVecEnv("uwoc/Random-v0", 3, seeds.training_seed(1), scenario=scenario)
-    agent = saved.Agent(model, statistics.normalize_obs, 3, controller, 0.3)
+    agent = Agent(model, statistics.normalize_obs, 3, controller, 0.3)
     stacked, raw = env.reset(), plain.reset()
     memory, begun = None, np.ones(3, dtype=bool)
     for _ in range(35):
