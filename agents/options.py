@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.policies.registry import load
@@ -135,14 +135,24 @@ def scenarios_of(args: argparse.Namespace) -> dict[str, Scenario]:
     return scenarios
 
 
-def policies_of(names: Sequence[str]) -> list[Policy]:
+def add_trust_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets policies run what their files say."""
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="load .zip files that hold pickled objects too, which runs the code in them: those that Stable-Baselines3 "
+        "alone has saved, and agents of version 0.1; without it nothing in a file is run",
+    )
+
+
+def policies_of(args: argparse.Namespace) -> list[Policy]:
     """The policies that ``--policy`` names, each once.
 
     Raises:
-        CommandError: There is no such policy, or it can't be loaded.
+        CommandError: There is no such policy, it can't be loaded, or it would have to be trusted.
     """
     with naming("--policy"):
-        return [load(name) for name in dict.fromkeys(names)]
+        return [load(name, args.trust) for name in dict.fromkeys(args.policy)]
 
 
 def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) -> None:
@@ -154,6 +164,7 @@ def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) 
         metavar="POLICY",
         help="names, saved .zip files or module:callable (default: " + " ".join(policies) + ")",
     )
+    add_trust_argument(parser)
     add_scenario_arguments(parser, "StrongPulse")
     parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="the episode's seed (default: 0)")
 
@@ -177,4 +188,4 @@ def episode_of(args: argparse.Namespace) -> Episode:
         CommandError: There is no such policy or scenario.
     """
     name, scenario = scenario_of(args)
-    return Episode(policies_of(args.policy), name, scenario, args.seed)
+    return Episode(policies_of(args), name, scenario, args.seed)

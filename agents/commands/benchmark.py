@@ -10,7 +10,14 @@ from typing import Any
 
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import Series, batches, flown_seeds, fly
-from uwoc_gym.agents.options import add_scenario_arguments, policies_of, scenarios_of, seconds, whole
+from uwoc_gym.agents.options import (
+    add_scenario_arguments,
+    add_trust_argument,
+    policies_of,
+    scenarios_of,
+    seconds,
+    whole,
+)
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, statistics, tables
 from uwoc_gym.baselines.policy import Policy
@@ -38,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="POLICY",
         help=f"names, folders of training runs, saved .zip files or module:callable (default: {' '.join(policies)})",
     )
+    add_trust_argument(parser)
     add_scenario_arguments(parser, list(ENV_IDS), many=True)
     parser.add_argument(
         "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
@@ -56,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
     require("tqdm", *(["matplotlib"] if args.out else []))
     scenarios = _scenarios(args)
-    policies = policies_of(args.policy)
+    policies = policies_of(args)
     folder = files.output_folder(args.out) if args.out else None
     results: list[tables.Result] = []
     flown: dict[str, dict[str, tuple[int, Series]]] = {}

@@ -7,7 +7,7 @@ import time
 
 from uwoc_gym.agents.errors import naming
 from uwoc_gym.agents.flight import batches, flown_seeds, fly
-from uwoc_gym.agents.options import add_scenario_arguments, scenario_of, whole
+from uwoc_gym.agents.options import add_scenario_arguments, add_trust_argument, scenario_of, whole
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files, tables
 
@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policy", metavar="POLICY", help="a name, a training run's folder, a .zip file, module:callable"
     )
+    add_trust_argument(parser)
     add_scenario_arguments(parser, "Random")
     parser.add_argument(
         "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
     name, scenario = scenario_of(args)
     with naming("POLICY"):
-        policy = load(args.policy)
+        policy = load(args.policy, args.trust)
     folder = files.output_folder(args.out) if args.out else None
     begun = time.perf_counter()
     asked = range(args.seed, args.seed + args.seeds)

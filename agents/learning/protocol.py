@@ -20,8 +20,7 @@ from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints
 from uwoc_gym.agents.learning.plans import Job, Wish, planned, recorded_plan
-from uwoc_gym.agents.policies import saved
-from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
 from uwoc_gym.baselines.policy import Policy
@@ -168,22 +167,11 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
 
     best = max(own, key=validation)
     target.mkdir(parents=True, exist_ok=True)
-    for name in ("settings.yaml", "results.json", "vecnormalize.pkl"):
-        if (best / name).is_file():
-            files.copy(best / name, target / name)
-    description = saved.read_description(best / saved.DESCRIPTION)
-    files.write_json(
-        target / saved.DESCRIPTION, {**description, "description": f"{text}; trained on {description['env']}"}
-    )
-    model = ALGORITHMS[description["algorithm"]].load().load(best / "model.zip", device="cpu")
-    # The optimisers' moments are a third of the file and of no use to act.
-    for part in model.get_parameters():
-        if part.endswith("optimizer"):
-            owner: Any = model
-            for attribute in part.split("."):
-                owner = getattr(owner, attribute)
-            owner.state.clear()
-    checkpoints.save_model(model, target / "model.zip")
+    for name in ("settings.yaml", "results.json"):
+        files.copy(best / name, target / name)
+    model = best / saved.MODEL
+    described = f"{text}; trained on {archive.read(model).env}"
+    checkpoints.save_agent(target / saved.MODEL, lambda file: archive.write_for_acting(model, file, described))
 
 
 def fly_all(

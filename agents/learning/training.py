@@ -26,7 +26,7 @@ from uwoc_gym.agents.learning import checkpoints, environments
 from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
 from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import constructor_arguments, written
-from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.agent import Agent, stack
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES
@@ -37,6 +37,12 @@ from uwoc_gym.parameters import SettingError
 
 BASELINES = ("pd", "nlpd", "nlpd-tuned")
 """The controllers whose scores stand in the learning curve."""
+
+_LAST, _BEST = "last.zip", "best.zip"
+"""The last agent, in the run's folder and in a checkpoint, and the best one in a checkpoint."""
+
+_COUNTERS = ("_n_updates", "_episode_num")
+"""What a model counts besides its steps, by Stable-Baselines3's names."""
 
 
 def begun(folder: Path) -> bool:
@@ -106,6 +112,8 @@ class Progress:
     evaluations: list[dict[str, Any]] = field(default_factory=list)
     best_steps: int | None = None
     finished: bool = False
+    counters: dict[str, int] = field(default_factory=dict)
+    """What the model counts besides, by Stable-Baselines3's names."""
 
     @property
     def best(self) -> dict[str, Any] | None:
@@ -141,7 +149,14 @@ class Run:
         self.command = command
         self.progress = Progress()
         self.kind = ALGORITHMS[plan.algorithm]
+        normalisation = None
         if resume is not None:
+            if not archive.is_agent(resume / _LAST):
+                raise CommandError(
+                    f"{resume} is of version 0.1, whose checkpoints hold pickled objects, and can't be gone on with; "
+                    "begin another run."
+                )
+            normalisation = archive.read(resume / _LAST).normalisation
             self.progress = Progress(**json.loads((resume / "progress.json").read_text(encoding="utf-8")))
         self.baselines: dict[str, dict[str, Any]] = {}
         values = plan.values
@@ -149,16 +164,20 @@ class Run:
         self.progress.seeds_used += values["n_envs"]
         base = environments.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
         controller = Controller(plan.gains, plan.practice.known()) if plan.gains is not None and plan.practice else None
-        statistics = str(resume / "vecnormalize.pkl") if resume is not None and values["normalize"] else None
-        env, self.monitor, self.statistics = environments.wrapped(base, values, controller, plan.practice, statistics)
+        env, self.monitor, self.statistics = environments.wrapped(
+            base, values, controller, plan.practice, normalisation
+        )
         self.env = env
-        self.model = self._make(first) if resume is None else self._load(resume)
+        self.model = self._make(first)
+        if resume is not None:
+            self._restore(resume)
         # What is resumed gets episodes and noise of its own, not those it has seen.
         set_random_seed(first)
         env.action_space.seed(first)
         env.seed(first)
-        if resume is not None:
-            self._publish_best(resume)
+        if resume is not None and (resume / _BEST).is_file():
+            # One saved after the checkpoint isn't known to it.
+            files.copy(resume / _BEST, folder / saved.MODEL)
 
     def _make(self, seed: int) -> Any:
         plan = self.plan
@@ -169,14 +188,13 @@ class Run:
         except (TypeError, ValueError, AssertionError, NotImplementedError, RuntimeError) as error:
             raise CommandError(f"{self.kind.name} can't be made with these settings: {error}") from error
 
-    def _load(self, path: Path) -> Any:
-        try:
-            model = self.kind.load().load(path / "last.zip", env=self.env, device="cpu")
-        except Exception as error:
-            raise CommandError(f"checkpoint {path} can't be read: {type(error).__name__}: {error}") from error
-        if (path / "replay.npz").is_file():
-            load_buffer(model.replay_buffer, path / "replay.npz")
-        return model
+    def _restore(self, path: Path) -> None:
+        """Put the model back where a checkpoint left it."""
+        archive.read_training(path / _LAST, self.model)
+        counted = {name: int(self.progress.counters.get(name, 0)) for name in _COUNTERS}
+        vars(self.model).update(counted, num_timesteps=self.progress.steps)
+        if self.kind.off_policy:
+            load_buffer(self.model.replay_buffer, path / "replay.npz")
 
     def agent(self) -> Agent:
         """The present policy, as it would fly after training."""
@@ -242,8 +260,6 @@ class Run:
         # Keyed as a settings file is, so that it can be trained with again.
         text = yaml.safe_dump({plan.env_id.rpartition(":")[2]: written(plan.values)}, sort_keys=False)
         files.write_text(self.folder / "settings.yaml", f"# {self.kind.name}; written by: {self.command}\n{text}")
-        described = saved.describe(plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, plan.gains)
-        files.write_json(self.folder / saved.DESCRIPTION, described)
 
     def _score_baselines(self) -> None:
         if self.plan.task is None:
@@ -272,15 +288,16 @@ class Run:
         best = self.progress.best
         if best is None or found["return"]["mean"] > best["return"]["mean"] or best is found:
             self.progress.best_steps = steps
-            self._save(self.folder, "model.zip", "vecnormalize.pkl")
+            self._save(self.folder / saved.MODEL)
         return found
 
-    def _save(self, folder: Path, model: str, statistics: str) -> None:
-        """Save model and statistics, each whole or not at all."""
-        checkpoints.save_model(self.model, folder / model)
-        if self.statistics is not None:
-            with files.whole(folder / statistics) as part:
-                self.statistics.save(str(part))
+    def _save(self, path: Path) -> None:
+        """Save the present agent whole or not at all."""
+        plan, normalisation = self.plan, environments.normalisation_of(self.statistics)
+        described = saved.describe(
+            plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, plan.gains, normalisation
+        )
+        checkpoints.save_agent(path, lambda file: archive.write(self.model, described, file))
 
     def checkpoint(self) -> None:
         """Write a checkpoint, and the files that tell of the run's progress.
@@ -288,26 +305,18 @@ class Run:
         Raises:
             CommandError: It can't be written; the one before it stays.
         """
-        checkpoints.write(self.folder, self._fill)
-        self._save(self.folder, "last.zip", "last.vecnormalize.pkl")
+        self.progress.counters = {name: int(vars(self.model)[name]) for name in _COUNTERS}
+        written = checkpoints.write(self.folder, self._fill)
+        files.copy(written / _LAST, self.folder / _LAST)
         self.write_results()
 
     def _fill(self, folder: Path) -> None:
-        self._save(folder, "last.zip", "vecnormalize.pkl")
+        self._save(folder / _LAST)
         if self.progress.best_steps is not None:
-            for name in ("model.zip", "vecnormalize.pkl"):
-                if (self.folder / name).is_file():
-                    files.copy(self.folder / name, folder / f"best.{name}")
+            files.copy(self.folder / saved.MODEL, folder / _BEST)
         if self.kind.off_policy:
             save_buffer(self.model.replay_buffer, folder / "replay.npz")
         files.write_json(folder / "progress.json", self.progress.__dict__)
-
-    def _publish_best(self, path: Path) -> None:
-        """Put the checkpoint's best model where users look for it: one saved after the checkpoint isn't known to it."""
-        for name in ("model.zip", "vecnormalize.pkl"):
-            (self.folder / name).unlink(missing_ok=True)
-            if (path / f"best.{name}").is_file():
-                files.copy(path / f"best.{name}", self.folder / name)
 
     def write_results(self) -> None:
         """Write results.json and draw the learning curve."""

@@ -50,13 +50,32 @@ def output_file(given: str, suffixes: tuple[str, ...], force: bool) -> Path:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A path to write to, which becomes ``path`` where the block ends without an error; else nothing is left of it."""
+    """A path to write to, which becomes ``path`` where the block ends without an error; else nothing is left of it.
+
+    Raises:
+        OSError: It can't be written; the error names ``path``.
+    """
     part = path.with_name(f".{path.name}.part")
     try:
         yield part
+        flush(part)
         os.replace(part, path)
+    except OSError as error:
+        # A full disk is found by a write, whose error doesn't know the file.
+        if error.filename not in (None, str(part)):
+            raise
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def flush(path: Path) -> None:
+    """Wait until a file, or a folder's list of names, is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def output_folder(path: str | Path) -> Path:
