@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import Series, batches, flown_seeds, fly
 from uwoc_gym.agents.options import (
@@ -91,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     if interrupted:
         count = sum(len(result.rows) for result in results)
         print(f"uwoc-gym benchmark: interrupted after {count} finished episodes", file=sys.stderr)
-        return 130
+        return interrupts.status()
     return 0
 
 

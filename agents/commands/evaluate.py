@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import naming
 from uwoc_gym.agents.flight import batches, flown_seeds, fly
 from uwoc_gym.agents.options import add_scenario_arguments, add_trust_argument, scenario_of, whole
@@ -42,15 +44,27 @@ def run(args: argparse.Namespace) -> int:
     begun = time.perf_counter()
     asked = range(args.seed, args.seed + args.seeds)
     seeds = flown_seeds(policy, scenario, asked)
-    rows = [row for batch in batches(seeds, 100) for row in fly(policy, scenario, batch).metrics.rows()]
+    rows: list[dict[str, float]] = []
+    interrupted = False
+    try:
+        for batch in batches(seeds, 100):
+            rows += fly(policy, scenario, batch).metrics.rows()
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+        interrupted = True
     data = tables.results_data([tables.Result(name, policy.name, rows, len(seeds) < len(asked))], args.seed)
     print(tables.table(data), end="")
     if folder is not None:
         document = {
-            "settings": {"policy": policy.name, "seeds": list(seeds), "scenario": scenario.to_dict()},
+            "finished": not interrupted,
+            "settings": {"policy": policy.name, "seeds": list(seeds[: len(rows)]), "scenario": scenario.to_dict()},
             "wall_time_s": round(time.perf_counter() - begun, 3),
             "results": data,
-            "episodes": [{"seed": seed, **row} for seed, row in zip(seeds, rows, strict=True)],
+            "episodes": [{"seed": seed, **row} for seed, row in zip(seeds, rows, strict=False)],
         }
         files.write_results(folder, args.command_line, {name: scenario}, document)
+    if interrupted:
+        print(f"uwoc-gym evaluate: interrupted after {len(rows)} finished episodes", file=sys.stderr)
+        return interrupts.status()
     return 0

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints
@@ -82,13 +83,19 @@ def train_all(jobs: Sequence[Job], at_a_time: int) -> None:
         ThreadPoolExecutor(at_a_time) as pool,
         tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="training", file=sys.stderr) as bar,
     ):
-        for job, trouble in zip(missing, pool.map(_in_its_own_process, missing), strict=True):
-            if trouble is not None:
-                pool.shutdown(cancel_futures=True)
-                raise CommandError(
-                    f"a training failed; the others stand in their folders. {job.folder.name}: {trouble}"
-                )
-            bar.update()
+        try:
+            for job, trouble in zip(missing, pool.map(_in_its_own_process, missing), strict=True):
+                if trouble is not None:
+                    pool.shutdown(cancel_futures=True)
+                    raise CommandError(
+                        f"a training failed; the others stand in their folders. {job.folder.name}: {trouble}"
+                    )
+                bar.update()
+        except KeyboardInterrupt:
+            # Those that are under way write a checkpoint.
+            pool.shutdown(wait=False, cancel_futures=True)
+            interrupts.stop_children()
+            raise
 
 
 def _check_same(job: Job) -> None:
@@ -111,7 +118,8 @@ def _in_its_own_process(job: Job) -> str | None:
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=train_and_tell, args=(job, sender))
-    process.start()
+    with interrupts.kept_from_children():
+        process.start()
     sender.close()
     try:
         trouble: str | None = receiver.recv()
@@ -202,11 +210,17 @@ def fly_all(
         ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _one_thread) as pool,
         tqdm(total=len(flights), unit="flight", file=sys.stderr) as bar,
     ):
-        flown = [pool.submit(_rows, member, scenarios[scenario], own) for scenario, _, member, own in flights]
-        for (scenario, name, _, _), done in zip(flights, flown, strict=True):
-            bar.set_description(f"{scenario}, {name}")
-            rows.setdefault((scenario, name), []).append(done.result())
-            bar.update()
+        try:
+            with interrupts.kept_from_children():
+                flown = [pool.submit(_rows, member, scenarios[scenario], own) for scenario, _, member, own in flights]
+            for (scenario, name, _, _), done in zip(flights, flown, strict=True):
+                bar.set_description(f"{scenario}, {name}")
+                rows.setdefault((scenario, name), []).append(done.result())
+                bar.update()
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            interrupts.stop_children()
+            raise
     scores: dict[str, dict[str, dict[str, Array]]] = {}
     for (scenario, name), own in rows.items():
         found = {key: np.array([[row[key] for row in each] for each in own]) for key in own[0][0]}

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import gymnasium as gym
@@ -20,6 +17,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import checkpoints, environments
@@ -74,16 +72,15 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
 
     Raises:
         Interruption: The process was asked to stop; a checkpoint stands where it did.
-        CommandError: Something asked for isn't allowed, the folder holds a run or none, or a file can't be written.
+        CommandError: Something asked for isn't allowed, the folder holds a run or none, another process is at work in
+            it, or a file can't be written.
     """
     # Networks this small gain nothing from more, and runs side by side get in each other's way.
     torch.set_num_threads(threads)
     recorded = None
     if begun(folder):
         if not resume:
-            raise CommandError(
-                f"--out {folder} holds a run already; give --resume to go on with it, or another folder."
-            )
+            raise _taken(folder)
         with naming("--resume"):
             recorded = recorded_plan(folder / "run.json")
     elif resume:
@@ -92,10 +89,18 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
     if recorded is not None:
         check_same(plan, recorded, folder)
     files.output_folder(folder)
-    run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
-    if not run.progress.finished:
-        run.train(bar)
+    with files.locked(folder):
+        if recorded is None and begun(folder):
+            # By a process that has come and gone in the meantime.
+            raise _taken(folder)
+        run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
+        if not run.progress.finished:
+            run.train(bar)
     return run
+
+
+def _taken(folder: Path) -> CommandError:
+    return CommandError(f"--out {folder} holds a run already; give --resume to go on with it, or another folder.")
 
 
 @dataclass
@@ -233,7 +238,7 @@ class Run:
                     file=sys.stderr,
                     disable=not bar,
                 ) as shown,
-                _signals() as asked,
+                interrupts.noted() as asked,
             ):
                 callback = _Watch(self, shown, asked, begun)
                 self._score_baselines()
@@ -405,7 +410,8 @@ class _Watch(BaseCallback):
             if key in found and found[key]["mean"] is not None:
                 self.logger.record(f"eval/{key}", found[key]["mean"])
         self.logger.record("time/steps_per_s", self._rate())
-        self.logger.dump(self.model.num_timesteps)
+        with files.named(self._run.folder / "tensorboard"):
+            self.logger.dump(self.model.num_timesteps)
 
     def _rate(self) -> float:
         progress = self._run.progress
@@ -455,32 +461,11 @@ class _LogFile(KVWriter):
         values = ", ".join(
             f"{key} {value:.5g}" for key, value in sorted(key_values.items()) if isinstance(value, (int, float))
         )
-        with self._path.open("a", encoding="utf-8") as file:
+        with files.named(self._path), self._path.open("a", encoding="utf-8") as file:
             file.write(f"{now} step {step}: {values}\n")
 
     def close(self) -> None:
         """Nothing is held open."""
-
-
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """A list that SIGINT or SIGTERM adds itself to; the second one stops at once."""
-    asked: list[int] = []
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        if asked:
-            raise KeyboardInterrupt
-        asked.append(number)
-
-    old = {}
-    # Outside the main thread Python lets nobody set handlers.
-    with suppress(ValueError):
-        old = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield asked
-    finally:
-        for number, handler in old.items():
-            signal.signal(number, handler)
 
 
 def _after(steps: int, every: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import importlib.metadata
 import json
 import math
@@ -57,16 +58,70 @@ def whole(path: Path) -> Iterator[Path]:
     """
     part = path.with_name(f".{path.name}.part")
     try:
-        yield part
-        flush(part)
-        os.replace(part, path)
+        with named(path, part):
+            yield part
+            flush(part)
+            os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def named(path: Path, part: Path | None = None) -> Iterator[None]:
+    """Name a file in an error about writing to it: that of a full disk doesn't.
+
+    Args:
+        path: The file.
+        part: What it is called until it is whole.
+    """
+    try:
+        yield
     except OSError as error:
-        # A full disk is found by a write, whose error doesn't know the file.
         if error.filename not in (None, str(part)):
             raise
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Be the only process at work in a folder; one that has died isn't.
+
+    Raises:
+        CommandError: Another process is at work in it.
+    """
+    handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT)
+    try:
+        try:
+            _lock(handle)
+        except (BlockingIOError, PermissionError):
+            raise CommandError(
+                f"--out {folder}: another process is at work in this folder; wait for its end, or give another one."
+            ) from None
+        yield
     finally:
-        part.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _lock(handle: int) -> None:
+    """Lock an open file until it is closed.
+
+    Raises:
+        BlockingIOError: Another process has.
+        PermissionError: Another process has, on Windows.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        # A file system that knows no locks refuses nobody.
+        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
+            raise
 
 
 def flush(path: Path) -> None:
@@ -178,13 +233,15 @@ class EpisodesFile:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._file is not None:
-            self._file.close()
+            with named(self._path):
+                self._file.close()
 
     def append(self, scenario: str, policy: str, seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
         """Add finished episodes."""
         assert self._file is not None
-        if self._file.tell() == 0 and rows:
-            self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
-        for seed, row in zip(seeds, rows, strict=True):
-            self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])
-        self._file.flush()
+        with named(self._path):
+            if self._file.tell() == 0 and rows:
+                self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
+            for seed, row in zip(seeds, rows, strict=True):
+                self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])
+            self._file.flush()
