@@ -72,7 +72,12 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
     )
-    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the search that --out holds; Optuna keeps the state of CMA-ES as a pickled object, which runs "
+        "the code in it: only give folders that you trust",
+    )
     parser.add_argument(
         "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
     )
