@@ -16,7 +16,7 @@ class Agent:
     """A model with all that stood between it and the environment in training.
 
     Args:
-        model: A model of Stable-Baselines3 or sb3-contrib.
+        model: A model of Stable-Baselines3 or sb3-contrib, or its network alone.
         normalise: Its observation statistics, frozen, if it was trained with some.
         frames: How many observations in a row it sees.
         controller: What its actions correct, if anything.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import reprlib
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -29,6 +30,7 @@ MEMBER = "agent.json"
 
 FORMAT = 2
 _POLICY = "policy.pth"
+_DEEPEST = 16
 _LARGEST_TEXT, _LARGEST_TENSORS = 2**24, 2**31
 """Bytes of ``agent.json`` and of a file of tensors above which neither is read."""
 
@@ -150,7 +152,13 @@ def write_for_acting(source: Path, file: IO[bytes], text: str) -> None:
 def _describe(file: IO[bytes], description: Description) -> None:
     with zipfile.ZipFile(file, "a") as archive:
         said = {**description.to_dict(), "policy_sha256": hashlib.sha256(archive.read(_POLICY)).hexdigest()}
-        archive.writestr(MEMBER, json.dumps(said, indent=1, allow_nan=False) + "\n")
+        try:
+            text = json.dumps(said, indent=1, allow_nan=False)
+        except ValueError:
+            raise CommandError(
+                "the agent can't be saved: its normalisation statistics are not all finite; the training has diverged."
+            ) from None
+        archive.writestr(MEMBER, text + "\n")
 
 
 @contextmanager
@@ -203,14 +211,16 @@ def _read(archive: zipfile.ZipFile, path: Path) -> tuple[Description, str]:
         _refuse(path, f"is no JSON: {' '.join(str(error).split())}")
     if not isinstance(said, dict):
         _refuse(path, "is not an object")
+    if _is_deep(said):
+        _refuse(path, f"has lists or objects in more than {_DEEPEST} levels")
     if said.get("format") != FORMAT:
-        _refuse(path, f"has format = {_shown(said.get('format'))}; this version reads {FORMAT}")
+        _refuse(path, f"has format = {reprlib.repr(said.get('format'))}; this version reads {FORMAT}")
     fields: dict[str, Any] = {}
     for name, (allowed, check) in _FIELDS.items():
         if name not in said:
             _refuse(path, f"lacks {name}; it must be {allowed}")
         if not check(said[name]):
-            _refuse(path, f"has {name} = {_shown(said[name])}, which is not allowed; it must be {allowed}")
+            _refuse(path, f"has {name} = {reprlib.repr(said[name])}, which is not allowed; it must be {allowed}")
         fields[name] = said[name]
     digest = fields.pop("policy_sha256")
     return Description(**{**fields, "normalisation": _normalisation(said["normalisation"])}), digest
@@ -231,9 +241,17 @@ def _refuse(path: Path, reason: str) -> NoReturn:
     raise CommandError(f"{str(path)!r} doesn't describe an agent: its {MEMBER} {reason}.")
 
 
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) < 80 else f"{text[:77]}..."
+def _is_deep(value: Any) -> bool:
+    """Whether there are more levels in it than anything that is meant has."""
+    level = [value]
+    for _ in range(_DEEPEST + 1):
+        level = [
+            inner
+            for each in level
+            if isinstance(each, (dict, list))
+            for inner in (each.values() if isinstance(each, dict) else each)
+        ]
+    return bool(level)
 
 
 def _is_number(value: Any) -> bool:
@@ -428,7 +446,7 @@ def _check_sizes(path: Path, said: Description, seen: int, weights: Mapping[str,
     sizes = {"frame_stack": seen, "policy_kwargs": _largest_in(said.policy_kwargs)}
     for name, size in sizes.items():
         if not size <= largest:
-            value = _shown(getattr(said, name))
+            value = reprlib.repr(getattr(said, name))
             _refuse(path, f"has {name} = {value}, which is not allowed; the weights have nothing of that size")
 
 

@@ -37,8 +37,15 @@ def _start(*words: object) -> subprocess.Popen[str]:
     """The command in a process, and a group, of its own."""
     command = [sys.executable, "-m", "uwoc_gym_command", *map(str, words)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "SDL_VIDEODRIVER": "dummy"}
+    # From the checkout's top, where the command's first lines stand.
     return subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        cwd=Path(__file__).parents[2],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
 
 

@@ -183,6 +183,7 @@ def test_a_damaged_description_is_one_line(
         (b"[" * 100_000, ["is no JSON"]),
         (b"[]", ["not an object"]),
         (b"\xff\xfe", ["is no JSON"]),
+        (b'{"format": 2, "description": ' + b"[" * 900 + b"]" * 900 + b"}", ["more than 16 levels"]),
         (b'{"format": NaN}', ["NaN is not a number"]),
         (b" " * (2**24 + 1), ["16777217 bytes", "16777216 at most"]),
     ],
@@ -242,3 +243,22 @@ def test_what_only_training_needs_is_left_out_for_acting(agent_file: Path, tmp_p
         said, kept = (json.loads(each.read("agent.json")) for each in (before, after))
         assert {**said, "description": "an agent"} == kept
         assert before.read("policy.pth") == after.read("policy.pth")
+
+
+def test_what_is_not_finite_is_not_saved(tmp_path: Path, whole: Path) -> None:
+    said = archive.read(whole)
+    assert said.normalisation is not None
+    said.normalisation.returns.mean[...] = np.nan
+    with (tmp_path / "a.zip").open("w+b") as file, pytest.raises(CommandError, match="the training has diverged"):
+        archive.write(_Bare(whole), said, file)
+
+
+class _Bare:
+    """What saves as a model does, by copying a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def save(self, file: Any) -> None:
+        with zipfile.ZipFile(self._path) as archive, zipfile.ZipFile(file, "w") as copy:
+            copy.writestr("policy.pth", archive.read("policy.pth"))
