@@ -304,3 +304,14 @@ def test_the_second_request_stops_at_once_unless_it_is_the_same(monkeypatch: pyt
     with interrupts.heard():
         assert interrupts.status() == 128 + signal.SIGINT
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_what_is_begun_apart_does_not_hear_ctrl_c() -> None:
+    code = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+
+    def deaf() -> str:
+        return subprocess.check_output([sys.executable, "-c", code], text=True).strip()
+
+    with interrupts.kept_from_children():
+        assert deaf() == "True"
+    assert deaf() == "False"
