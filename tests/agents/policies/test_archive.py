@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import time
 import tracemalloc
@@ -262,3 +264,18 @@ class _Bare:
     def save(self, file: Any) -> None:
         with zipfile.ZipFile(self._path) as archive, zipfile.ZipFile(file, "w") as copy:
             copy.writestr("policy.pth", archive.read("policy.pth"))
+
+
+def test_weights_that_are_not_finite_are_refused(
+    agent_file: Path,
+    rewrite: Callable[[Path, Mapping[str, bytes | None]], None],
+    describe_again: Callable[[Path, str, Any], None],
+) -> None:
+    with zipfile.ZipFile(agent_file) as held:
+        weights = torch.load(io.BytesIO(held.read("policy.pth")), weights_only=True)
+    weights["log_std"][1] = np.nan
+    broken = io.BytesIO()
+    torch.save(weights, broken)
+    rewrite(agent_file, {"policy.pth": broken.getvalue()})
+    describe_again(agent_file, "policy_sha256", hashlib.sha256(broken.getvalue()).hexdigest())
+    assert "its weights are not all finite" in _refusal(agent_file)
