@@ -27,7 +27,7 @@ examples:
   uwoc-gym protocol --runs runs/protocol --out benchmark --ship trained
 """
 
-CONTROLLERS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
+RIVALS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
 """The controllers that fly beside the groups."""
 
 
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     if args.ship:
         for group, own in folders.items():
             protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
-    policies = {name: [name] for name in CONTROLLERS}
+    policies = {name: [name] for name in RIVALS}
     policies |= {group: [str(path) for path in own] for group, own in folders.items()}
     scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], args.jobs)
     results: dict[str, Any] = {

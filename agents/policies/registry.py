@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.modules import import_here
 from uwoc_gym.agents.policies import saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.baselines.controllers import CONTROLLERS
@@ -42,10 +41,10 @@ def load(name: str) -> Policy:
 
     Args:
         name: A name in `POLICIES`, the folder of a training run (its best model flies), the path of a zip file saved
-            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with the scenario and returns
-            an object with Stable-Baselines3's ``predict``. All but names run code: a saved file holds pickled
-            objects, so load only files that you trust. What ``agent.json`` beside a file says is rebuilt: frozen
-            normalisation, stacked frames, a controller that is corrected.
+            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with what is known of the
+            scenario (`Scenario.known`) and returns an object with Stable-Baselines3's ``predict``. All but names run
+            code: a saved file holds pickled objects, so load only files that you trust. What ``agent.json`` beside a
+            file says is rebuilt: frozen normalisation, stacked frames, a controller that is corrected.
 
     Raises:
         CommandError: There is no such policy, or it can't be loaded.
@@ -65,16 +64,12 @@ def load(name: str) -> Policy:
 
 def _callable(name: str) -> Policy:
     module_name, _, attribute = name.partition(":")
-    # Console scripts, unlike `python -m`, don't look in the working folder.
-    sys.path.insert(0, "")
     try:
-        found: Any = importlib.import_module(module_name)
+        found: Any = import_here(module_name)
         for part in attribute.split("."):
             found = getattr(found, part)
     except Exception as error:
         raise CommandError(f"policy {name!r} can't be imported: {type(error).__name__}: {error}") from None
-    finally:
-        sys.path.remove("")
     if not callable(found):
         raise CommandError(f"policy {name!r} is not callable; it must take a scenario and return a policy.")
 
