@@ -31,9 +31,14 @@ class Current(Parameters):
     std_mps: Number = number(0.0, "m/s", "standard deviation of the random part on each axis", low=0.0)
     correlation_time_s: Number = number(60.0, "s", "correlation time of the random part", positive=True)
 
+    @property
+    def random(self) -> bool:
+        """Whether any episode can have the random part."""
+        return bool(np.max(self.std_mps) > 0.0)
+
     def derived(self) -> dict[str, float]:
         """Whether any episode can have a current."""
-        return {"acts": np.max(self.speed_mps) > 0.0 or np.max(self.std_mps) > 0.0}
+        return {"acts": np.max(self.speed_mps) > 0.0 or self.random}
 
 
 @inlined

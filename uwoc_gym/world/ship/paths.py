@@ -153,6 +153,11 @@ class RandomPath(ShipPath):
     shortest_period_s: Number = number(20.0, "s", "shortest period of a turning vector", positive=True)
     longest_period_s: Number = number(60.0, "s", "longest period of a turning vector", positive=True)
 
+    @property
+    def random(self) -> bool:
+        """Always: periods, phases and senses are drawn."""
+        return True
+
 
 @dataclass(frozen=True, kw_only=True)
 class LawnMowerPath(ShipPath):
