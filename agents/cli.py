@@ -34,6 +34,10 @@ COMMANDS = {
 """Module of each command, which has HELP, EXAMPLES, add_arguments(parser) and run(args)."""
 
 
+LONGEST = 4000
+"""Characters of an error that are shown."""
+
+
 class _UsageError(CommandError):
     """The command line itself is wrong."""
 
@@ -81,12 +85,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except OSError as error:
         return _fail(command, str(error), 1)
+    except MemoryError:
+        return _fail(command, "there isn't enough memory for that; ask for less at a time", 1)
     except KeyboardInterrupt:
         return _fail(command, "interrupted", 130)
 
 
 def _fail(command: str, message: str, status: int) -> int:
-    print(f"{command}: error: {' '.join(message.split())}", file=sys.stderr)
+    text = " ".join(message.split())
+    print(f"{command}: error: {text if len(text) <= LONGEST else f'{text[:LONGEST]}...'}", file=sys.stderr)
     return status
 
 

@@ -6,6 +6,8 @@ import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from uwoc_gym.given import SettingError
+
 EXTRAS = {
     "cmaes": "tune",
     "imageio_ffmpeg": "render",
@@ -31,7 +33,7 @@ def naming(option: str) -> Iterator[None]:
     """Put the option's name before an error about what it was given."""
     try:
         yield
-    except CommandError as error:
+    except (CommandError, SettingError) as error:
         raise CommandError(f"{option}: {error}") from None
 
 

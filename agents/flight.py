@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.baselines.policy import Policy, Predictor
+from uwoc_gym.given import LIMITS
 from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.vector_env import TrackingVectorEnv
@@ -61,6 +62,34 @@ def _disturbances(parameters: dict[str, Array], size: int) -> Array:
     return np.min(starts, axis=0) if starts else np.full(size, math.nan)
 
 
+def check_size(scenario: Scenario, episodes: int) -> None:
+    """Refuse flights of which more would have to be kept than there is room for.
+
+    Raises:
+        CommandError: Episodes times control periods are too many.
+    """
+    periods, most = (scenario.episode.steps + 1) * episodes, int(LIMITS["flown together"].high)
+    if periods > most:
+        raise CommandError(
+            f"{episodes} episodes of {scenario.episode.duration_s:g} s at a time is not allowed: the {periods:_} "
+            f"control periods must be at most {most:_}; fly fewer at a time, shorter ones, or a longer control period."
+        )
+
+
+def check_flights(policies: Sequence[Policy], scenarios: Mapping[str, Scenario], episodes: int) -> None:
+    """Refuse, before anything is flown, policies that can't fly the scenarios, and flights that are too long.
+
+    Raises:
+        CommandError: There is one.
+    """
+    for name, scenario in scenarios.items():
+        with naming(f"--scenario {name}"):
+            check_size(scenario, episodes)
+        for policy in policies:
+            with naming(f"policy {policy.name!r} can't fly {name}"):
+                policy.pilot(scenario)
+
+
 _RECORDED = ("in_cone", "pose", "ship_pose", "bit_rate_bps")
 
 
@@ -82,9 +111,11 @@ def fly(
 
     Raises:
         ValueError: One of ``parameters`` isn't allowed.
-        CommandError: The policy gives actions of another shape or that aren't finite.
+        CommandError: It is too much to fly at a time, or the policy gives actions of another shape or that aren't
+            finite.
     """
     size, steps = len(seeds), scenario.episode.steps
+    check_size(scenario, size)
     predictor = policy.pilot(scenario)
     # After its end a simulation begins anew, which is ignored: the others still need their steps.
     env = TrackingVectorEnv(size, scenario)

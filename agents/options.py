@@ -3,56 +3,47 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.scenarios import said
 from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.given import LIMITS, Limit, shown
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.spaces import SMALLEST_FRAME, check_render_size
+from uwoc_gym.spaces import LARGEST_FRAME, SMALLEST_FRAME, check_render_size
+
+T = TypeVar("T", int, float)
 
 
-def whole(low: int) -> Callable[[str], int]:
-    """An argparse type: a whole number of at least ``low``."""
+def whole(limit: str, low: int | None = None, high: int | None = None) -> Callable[[str], int]:
+    """An argparse type: a whole number within the bounds of that name in `LIMITS`, of which some may be others."""
+    return _reader(int, _bounds(limit, low, high))
 
-    def parse(text: str) -> int:
+
+def number(limit: str, low: float | None = None, high: float | None = None) -> Callable[[str], float]:
+    """An argparse type: a number within the bounds of that name in `LIMITS`, of which some may be others."""
+    return _reader(float, _bounds(limit, low, high))
+
+
+def _bounds(name: str, low: float | None, high: float | None) -> Limit:
+    usual = LIMITS[name]
+    return usual._replace(low=usual.low if low is None else low, high=usual.high if high is None else high)
+
+
+def _reader(kind: Callable[[str], T], bounds: Limit) -> Callable[[str], T]:
+    def parse(text: str) -> T:
         try:
-            value = int(text)
+            value = kind(text)
+            if bounds.low <= value <= bounds.high:
+                return value
         except ValueError:
-            value = low - 1
-        if value < low:
-            raise argparse.ArgumentTypeError(f"{text!r} is not allowed; it must be a whole number of at least {low}.")
-        return value
+            pass
+        raise argparse.ArgumentTypeError(f"{shown(text)} is not allowed; it must be {bounds.allowed}.")
 
     return parse
-
-
-def _number(text: str, allowed: str, low: float, strictly: bool) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (low < value if strictly else low <= value) or not value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not allowed; it must be {allowed}.")
-    return value
-
-
-def seconds(text: str) -> float:
-    """An argparse type: a time above 0 [s]."""
-    return _number(text, "a number of seconds above 0", 0.0, True)
-
-
-def moment(text: str) -> float:
-    """An argparse type: a time of at least 0 [s]."""
-    return _number(text, "a number of seconds of at least 0", 0.0, False)
-
-
-def above_zero(text: str) -> float:
-    """An argparse type: a number above 0."""
-    return _number(text, "a number above 0", 0.0, True)
 
 
 def frame_size(text: str) -> tuple[int, int]:
@@ -61,16 +52,16 @@ def frame_size(text: str) -> tuple[int, int]:
         width, height = (int(part) for part in text.lower().split("x"))
         return check_render_size((width, height))
     except ValueError:
-        least = "x".join(str(side) for side in SMALLEST_FRAME)
+        least, most = ("x".join(map(str, size)) for size in (SMALLEST_FRAME, LARGEST_FRAME))
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not allowed; it must be a width and a height [px] of at least {least}, as in 1280x720."
+            f"{shown(text)} is not allowed; it must be a width and a height [px] from {least} to {most}, as 1280x720."
         ) from None
 
 
 def add_search_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options that every search has."""
     parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="S", help="the search's seed (default: %(default)s)"
+        "--seed", type=whole("seed"), default=0, metavar="S", help="the search's seed (default: %(default)s)"
     )
     parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
     parser.add_argument(
@@ -155,7 +146,7 @@ def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) 
         help="names, saved .zip files or module:callable (default: " + " ".join(policies) + ")",
     )
     add_scenario_arguments(parser, "StrongPulse")
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="the episode's seed (default: 0)")
+    parser.add_argument("--seed", type=whole("seed"), default=0, metavar="S", help="the episode's seed (default: 0)")
 
 
 def add_file_arguments(parser: argparse.ArgumentParser, default: str, many: bool, what: str) -> None:

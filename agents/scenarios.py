@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.parameters import ChildSpec, Parameters, SettingError, closest
+from uwoc_gym.given import SettingError, closest, from_json, read_text, shown
+from uwoc_gym.parameters import ChildSpec, Parameters
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import SCENARIOS, Scenario
 
@@ -50,10 +51,7 @@ def said(scenario: str, override: str | None = None, option: str = "--scenario")
         return found
     with naming("--override"):
         changes = json_object(override)
-        try:
-            changed = found.scenario.merged(changes)
-        except SettingError as error:
-            raise CommandError(str(error)) from None
+        changed = found.scenario.merged(changes)
     return found._replace(changes=(*found.changes, *([changes] if changes else [])), scenario=changed)
 
 
@@ -68,9 +66,11 @@ def _read(given: str) -> Said:
     if found is not None:
         return found
     path = Path(given)
-    if path.suffix != ".json" and not path.is_file():
+    if path.suffix != ".json" and not os.path.isfile(given):
         hint = closest(given, [*SCENARIOS, *ENV_IDS])
-        raise CommandError(f"there is no scenario {given!r}; {hint} A scenario may also be the path of a .json file.")
+        raise CommandError(
+            f"there is no scenario {shown(given)}; {hint} A scenario may also be the path of a .json file."
+        )
     data = json_object(given, file=True)
     try:
         if BASE not in data:
@@ -79,17 +79,19 @@ def _read(given: str) -> Said:
             if missing:
                 more = f" and {len(missing) - NAMED} more settings" if len(missing) > NAMED else ""
                 raise CommandError(
-                    f'{given!r} leaves out {", ".join(missing[:NAMED])}{more}; say by "{BASE}" which named scenario it '
-                    "changes, or give it as --override."
+                    f'{shown(given)} leaves out {", ".join(missing[:NAMED])}{more}; say by "{BASE}" which named '
+                    "scenario it changes, or give it as --override."
                 )
             return Said(path.stem, None, (), whole)
-        name = str(data.pop(BASE))
-        base = named(name)
+        name = data.pop(BASE)
+        base = named(name) if isinstance(name, str) else None
         if base is None:
-            raise CommandError(f"{given!r} has {BASE} = {name!r}, which is no scenario; {closest(name, [*SCENARIOS])}")
+            raise CommandError(
+                f"{shown(given)} has {BASE} = {shown(name)}, which is no scenario; {closest(name, SCENARIOS)}"
+            )
         return Said(path.stem, base.base, (data,), base.scenario.merged(data))
     except SettingError as error:
-        raise CommandError(f"scenario {given!r} is not allowed: {error}") from None
+        raise CommandError(f"scenario {shown(given)} is not allowed: {error}") from None
 
 
 def _left_out(own: Parameters, data: Mapping[str, Any], place: str = "") -> Iterator[str]:
@@ -112,24 +114,17 @@ def json_object(given: str, file: bool = False) -> dict[str, Any]:
     """A JSON object from a text or a file.
 
     Args:
-        given: The text itself if it begins with a brace, else the file's path.
+        given: The text itself if it begins with a brace or a bracket, else the file's path.
         file: Whether it is a path in any case.
 
     Raises:
         CommandError: The file can't be read, or it isn't a JSON object.
     """
-    text = given
-    if file or not given.lstrip().startswith("{"):
-        try:
-            text = Path(given).read_text(encoding="utf-8")
-        except OSError as error:
-            raise CommandError(f"{given!r} can't be read: {error.strerror}.") from None
-        except UnicodeDecodeError as error:
-            raise CommandError(f"{given!r} can't be read: {error}.") from None
     try:
-        found = json.loads(text)
-    except ValueError as error:
-        raise CommandError(f"{given!r} isn't valid JSON: {error}.") from None
+        text = given if not file and given.lstrip()[:1] in ("{", "[") else read_text(given)
+        found = from_json(text, shown(given))
+    except SettingError as error:
+        raise CommandError(str(error)) from None
     if not isinstance(found, dict):
-        raise CommandError(f"{given!r} must be a JSON object.")
+        raise CommandError(f"{shown(given)} is not allowed; it must be a JSON object.")
     return found

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
-from uwoc_gym.parameters import SettingError
+from uwoc_gym.given import SettingError, shown
 from uwoc_gym.scenario import Scenario, as_scenario
 from uwoc_gym.task.observation import unpack
 
@@ -63,7 +63,7 @@ class Controller:
         given: Sequence[Any] = [gains] if several is None else several
         if not given or not all(isinstance(each, (str, Gains)) for each in given):
             raise SettingError(
-                f"gains = {gains!r} is not allowed; it must be a Gains, the name of a gain set, or a sequence of them."
+                f"gains = {shown(gains)} is not allowed; it must be a Gains, a gain set's name, or several of them."
             )
         self.gain_sets = tuple(named_gains(each) if isinstance(each, str) else each for each in given)
         axis: Any = 0 if several is None else slice(None)

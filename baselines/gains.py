@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import numbers
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
-from uwoc_gym.parameters import SettingError, closest
+from uwoc_gym.given import SettingError, as_number, as_numbers, closest, scalar, shown
 
 Triple = tuple[float, float, float]
 
@@ -46,24 +45,44 @@ class Gains:
     def __post_init__(self) -> None:
         for name in ("a_p", "b_p", "mu_p", "a_v", "b_v", "mu_v"):
             object.__setattr__(self, name, _triple(name, getattr(self, name)))
+        object.__setattr__(self, "feedforward", scalar(self.feedforward))
         if not isinstance(self.feedforward, bool):
-            raise SettingError(f"Gains.feedforward = {self.feedforward!r} is not allowed; it must be True or False.")
+            raise SettingError(
+                f"Gains.feedforward = {shown(self.feedforward)} is not allowed; it must be True or False."
+            )
         if not isinstance(self.source, str):
-            raise SettingError(f"Gains.source = {self.source!r} is not allowed; it must be a text.")
+            raise SettingError(f"Gains.source = {shown(self.source)} is not allowed; it must be a text.")
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Gains:
+        """The gains that a mapping says, such as a JSON object.
+
+        Raises:
+            SettingError: A name is unknown or missing, or a value isn't allowed.
+        """
+        if not isinstance(data, Mapping):
+            raise SettingError(f"Gains = {shown(data)} is not allowed; it must be a mapping of gains.")
+        known = {field.name: field.default for field in fields(cls)}
+        for name in data:
+            if not isinstance(name, str) or name not in known:
+                raise SettingError(f"Gains has no gain {shown(name)}; {closest(name, known)}")
+        for name, default in known.items():
+            if default is MISSING and name not in data:
+                raise SettingError(f"Gains needs {name!r}; it must be a number or three of them (x, y, yaw).")
+        return cls(**data)
 
 
 def _triple(name: str, value: Any) -> Triple:
     exponent = name.startswith("mu")
-    single = isinstance(value, numbers.Real)
-    items = [value] * 3 if single else list(value) if isinstance(value, Sequence) or hasattr(value, "tolist") else []
-    good = len(items) == 3 and all(isinstance(x, numbers.Real) and not isinstance(x, bool) for x in items)
-    if good:
+    single = as_number(value)
+    items = as_numbers(value, (3,)) if single is None else [single] * 3
+    if items is not None:
         x, y, yaw = (float(item) for item in items)
         if all(0.0 <= item <= 1.0 if exponent else 0.0 < item < math.inf for item in (x, y, yaw)):
             return x, y, yaw
     interval = "[0, 1]" if exponent else "(0, inf)"
     raise SettingError(
-        f"Gains.{name} = {value!r} is not allowed; it must be a number in {interval} or three of them (x, y, yaw)."
+        f"Gains.{name} = {shown(value)} is not allowed; it must be a number in {interval} or three of them (x, y, yaw)."
     )
 
 
@@ -128,7 +147,7 @@ def gains(name: str) -> Gains:
     Raises:
         SettingError: There is no gain set of that name; the nearest one is given.
     """
-    known = FORMER_NAMES.get(name, name)
+    known = FORMER_NAMES.get(name, name) if isinstance(name, str) else ""
     if known not in GAINS:
-        raise SettingError(f"There is no gain set {name!r}; {closest(str(name), list(GAINS))}")
+        raise SettingError(f"There is no gain set {shown(name)}; {closest(name, GAINS)}")
     return GAINS[known]

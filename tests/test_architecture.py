@@ -13,6 +13,7 @@ PACKAGES = {"uwoc_gym": "uwoc_gym", "baselines": "uwoc_gym.baselines", "agents":
 """Folder and name of each package."""
 
 FLOORS = (
+    ("uwoc_gym.given",),
     ("uwoc_gym.parameters", "uwoc_gym.compute"),
     ("uwoc_gym.world", "uwoc_gym.task"),
     ("uwoc_gym.scenario",),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +10,8 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.given import as_numbers, shown
+from uwoc_gym.scenario import Scenario
 from uwoc_gym.sim import paper
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES, info_names
@@ -22,6 +24,7 @@ from uwoc_gym.spaces import (
     check_options,
     check_render_mode,
     check_render_size,
+    check_seed,
     episode_scenario,
     import_rendering,
     observation_space,
@@ -32,6 +35,7 @@ Observation = npt.NDArray[np.float32]
 _REWARD, _TERMINATED, _TRUNCATED = (MEASURE_NAMES.index(name) for name in ("reward", "terminated", "truncated"))
 step_one: Any = paper.step_one
 _FLOAT32 = np.dtype(np.float32)
+_ARRAY = np.ndarray
 _LANE = np.zeros(1, dtype=np.int64)
 
 
@@ -194,12 +198,10 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
                 episode only.
 
         Raises:
-            ValueError: An option is unknown, of the wrong shape, out of range or not finite.
+            ValueError: The seed isn't a whole number of at least 0, or an option is unknown, of the wrong shape, out of
+                range or not finite; nothing has changed.
         """
-        given = check_options(options, ("pose", "velocity", "parameters", "scenario"))
-        wanted = self.scenario
-        if given.get("scenario") is not None:
-            wanted = episode_scenario(self.scenario, given["scenario"])
+        seed, given, wanted = self._checked(seed, options)
         super().reset(seed=seed)
         fresh = self._fresh_seed()
         if fresh is not None:
@@ -215,6 +217,24 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             self._begin_pictures()
         return observation[0], self._info(self._measures())
 
+    def check_reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        """Refuse what `reset` would refuse, and change nothing.
+
+        Raises:
+            ValueError: As of `reset`.
+        """
+        self._checked(seed, options)
+
+    def _checked(self, seed: Any, options: Any) -> tuple[int | None, Mapping[str, Any], Scenario]:
+        """Seed, options and scenario of a reset."""
+        seed = check_seed(seed)
+        given = check_options(options, ("pose", "velocity", "parameters", "scenario"))
+        wanted = self.scenario
+        if given.get("scenario") is not None:
+            wanted = episode_scenario(self.scenario, given["scenario"])
+        self._fleet.check_start(wanted, given.get("pose"), given.get("velocity"), given.get("parameters"))
+        return seed, given, wanted
+
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply an action, of shape (3,) unless the scenario's kind is another, for one control period.
 
@@ -227,9 +247,13 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         observation = np.empty(self._observation_size, _FLOAT32)
         # At a few microseconds a step every look at the action counts: what isn't the usual array is refused by
         # compiled code, and then takes the slower way.
-        try:
-            status = step_one(self._memory, action, observation)
-        except (TypeError, ValueError):
+        # Numba's dispatcher is given arrays alone: a list that is nested deeply enough crashes it.
+        if type(action) is _ARRAY:
+            try:
+                status = step_one(self._memory, action, observation)
+            except (TypeError, ValueError):
+                status = paper.WRONG_SIZE
+        else:
             status = paper.WRONG_SIZE
         if status:
             action = self._as_action(action)
@@ -246,15 +270,14 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         return observation, values[_REWARD], terminated, truncated, self._info(values)
 
     def _as_action(self, action: Any) -> Observation:
-        try:
-            array = np.asarray(action, dtype=np.float32)
-        except (TypeError, ValueError):
-            array = np.empty(0, dtype=np.float32)
-        if array.shape != self._action_shape:
+        array = as_numbers(action, self._action_shape)
+        if array is None:
             count = self._action_shape[0]
-            raise ValueError(f"action {action!r} is not allowed; it must be {count} numbers, shape ({count},).")
+            raise ValueError(
+                f"action = {shown(action)} is not allowed; it must be {count} finite numbers, shape ({count},)."
+            )
         # Of the type that is compiled for: contiguous, and not read-only.
-        return np.array(array, order="C")
+        return np.array(np.clip(array, -1.0, 1.0), dtype=_FLOAT32)
 
     def _compile_step(self) -> None:
         """Compile the step for the arrays that it is meant for, and for no others, if this hasn't been done."""

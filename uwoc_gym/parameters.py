@@ -8,16 +8,13 @@ and JSON conversion happens here, once.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
-import numpy as np
-
-
-class SettingError(ValueError):
-    """A setting that is unknown, has the wrong type or lies outside what is allowed."""
+from uwoc_gym.given import LIMITS, as_number, as_numbers, is_sequence, scalar, shown, values_of
+from uwoc_gym.given import SettingError as SettingError
+from uwoc_gym.given import closest as closest
 
 
 class Range(NamedTuple):
@@ -32,15 +29,14 @@ class Range(NamedTuple):
         return 0.5 * (self.low + self.high)
 
 
+ANY_ANGLE = 4.0 * math.pi
+"""Bound of angles [rad], which mean the same a turn further on."""
+
+FARTHEST_M = 1e7
+"""Bound of places [m]; grid coordinates of recorded tracks lie within it."""
+
 Number = float | tuple[float, float]
 """A number, or a pair (low, high) that becomes a `Range`."""
-
-
-def closest(name: str, known: Sequence[str]) -> str:
-    """The hint that ends an error about an unknown name: the nearest valid one and all of them."""
-    matches = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-    hint = f"did you mean {matches[0]!r}? " if matches else ""
-    return f"{hint}Valid names: {', '.join(known)}."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,8 +70,6 @@ class NumberSpec(_Spec):
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
-    open_low: bool = False
-    open_high: bool = False
     randomisable: bool = True
     optional: bool = False
     source: str = ""
@@ -87,32 +81,25 @@ class NumberSpec(_Spec):
     @property
     def allowed(self) -> str:
         """What the field accepts, in words."""
-        left = "(" if self.open_low or math.isinf(self.low) else "["
-        right = ")" if self.open_high or math.isinf(self.high) else "]"
-        text = f"a number in {left}{self.low:g}, {self.high:g}{right} [{self.unit}]"
+        text = f"a number in [{self.low:g}, {self.high:g}] [{self.unit}]"
         if self.randomisable:
             text += " or a pair (low, high) of such numbers to draw from"
         return text + (" or None" if self.optional else "")
 
     def _inside(self, value: float) -> bool:
-        above = value > self.low if self.open_low else value >= self.low
-        below = value < self.high if self.open_high else value <= self.high
-        return math.isfinite(value) and above and below
+        return self.low <= value <= self.high
 
     def parse(self, value: Any, where: str) -> float | Range | None:
         if value is None and self.optional:
             return None
-        if isinstance(value, (list, tuple, np.ndarray)) and self.randomisable:
-            pair = [_as_float(item) for item in value]
-            if len(pair) == 2 and None not in pair:
-                low, high = cast(list[float], pair)
-                if self._inside(low) and self._inside(high) and low <= high:
-                    return Range(low, high)
-        else:
-            single = _as_float(value)
-            if single is not None and self._inside(single):
-                return single
-        raise SettingError(f"{where} = {value!r} is not allowed; it must be {self.allowed}.")
+        if is_sequence(value) and len(value) == 2 and self.randomisable:
+            low, high = (as_number(item) for item in value)
+            if low is not None and high is not None and self._inside(low) and self._inside(high) and low <= high:
+                return Range(low, high)
+        single = as_number(value)
+        if single is not None and self._inside(single):
+            return single
+        raise SettingError(f"{where} = {shown(value)} is not allowed; it must be {self.allowed}.")
 
     def dump(self, value: Any) -> Any:
         return list(value) if isinstance(value, Range) else value
@@ -123,9 +110,10 @@ class FlagSpec(_Spec):
     """True or False."""
 
     def parse(self, value: Any, where: str) -> bool:
-        if isinstance(value, (bool, np.bool_)):
-            return bool(value)
-        raise SettingError(f"{where} = {value!r} is not allowed; it must be True or False.")
+        plain = scalar(value)
+        if isinstance(plain, bool):
+            return plain
+        raise SettingError(f"{where} = {shown(value)} is not allowed; it must be True or False.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,14 +133,16 @@ class ChoiceSpec(_Spec):
         return self.options.index(value)
 
     def parse(self, value: Any, where: str) -> str | tuple[str, ...]:
-        if isinstance(value, str) and value in self.options:
-            return str(value)
-        several = isinstance(value, (list, tuple)) and self.randomisable
-        if several and value and all(each in self.options for each in value) and len(set(value)) == len(value):
-            return str(value[0]) if len(value) == 1 else tuple(name for name in self.options if name in value)
-        unknown = next((each for each in value if each not in self.options), value) if several and value else value
+        plain = scalar(value)
+        if isinstance(plain, str) and plain in self.options:
+            return str(plain)
+        several = values_of(value) if self.randomisable else ()
+        unknown = [each for each in several if not (isinstance(each, str) and each in self.options)]
+        if several and not unknown and len(set(several)) == len(several):
+            return str(several[0]) if len(several) == 1 else tuple(name for name in self.options if name in several)
         also = " A list of several is drawn from." if self.randomisable else ""
-        raise SettingError(f"{where} = {value!r} is not allowed; {closest(str(unknown), self.options)}{also}")
+        hint = closest(unknown[0] if unknown else plain, self.options)
+        raise SettingError(f"{where} = {shown(value)} is not allowed; {hint}{also}")
 
     def dump(self, value: Any) -> Any:
         return list(value) if isinstance(value, tuple) else value
@@ -165,16 +155,16 @@ class NamesSpec(_Spec):
     options: tuple[str, ...] = ()
 
     def parse(self, value: Any, where: str) -> tuple[str, ...]:
-        names = tuple(value) if isinstance(value, (list, tuple)) else ()
+        names = values_of(value)
         for name in names:
-            if name not in self.options:
-                raise SettingError(f"{where} = {value!r} is not allowed; {closest(str(name), self.options)}")
+            if not isinstance(name, str) or name not in self.options:
+                raise SettingError(f"{where} = {shown(value)} is not allowed; {closest(name, self.options)}")
         if not names or len(set(names)) < len(names):
             raise SettingError(
-                f"{where} = {value!r} is not allowed; it must be a list of names, each of them once. "
+                f"{where} = {shown(value)} is not allowed; it must be a list of names, each of them once. "
                 f"Valid names: {', '.join(self.options)}."
             )
-        return names
+        return tuple(map(str, names))
 
     def dump(self, value: Any) -> Any:
         return list(value)
@@ -190,13 +180,20 @@ class SamplesSpec(_Spec):
     def parse(self, value: Any, where: str) -> tuple[float, ...] | None:
         if value is None and self.optional:
             return None
-        try:
-            samples = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            samples = np.empty((0, 0))
-        if samples.ndim != 1 or not np.isfinite(samples).all():
-            raise SettingError(f"{where} must be a one-dimensional sequence of finite numbers [{self.unit}].")
-        return tuple(samples.tolist())
+        most = int(LIMITS["samples"].high)
+        short = not is_sequence(value) or len(value) <= most
+        samples = as_numbers(value) if short else None
+        if samples is not None and samples.ndim == 1 and samples.size <= most:
+            return tuple(samples.tolist())
+        for i, each in enumerate(value if is_sequence(value) and short else ()):
+            if as_numbers(each, ()) is None:
+                raise SettingError(
+                    f"{where}[{i}] = {shown(each)} is not allowed; it must be a finite number [{self.unit}]."
+                )
+        raise SettingError(
+            f"{where} = {shown(value)} is not allowed; it must be a one-dimensional sequence of finite numbers "
+            f"[{self.unit}], at most {most:_}."
+        )
 
     def dump(self, value: Any) -> Any:
         return None if value is None else list(value)
@@ -212,8 +209,11 @@ class ChildSpec(_Spec):
 
     def parse(self, value: Any, where: str) -> Any:
         if self.many or (self.one_or_many and isinstance(value, (list, tuple))):
-            if not isinstance(value, (list, tuple)):
-                raise SettingError(f"{where} = {value!r} is not allowed; it must be a list of {self._names()}.")
+            most = int(LIMITS["items"].high)
+            if not isinstance(value, (list, tuple)) or len(value) > most:
+                raise SettingError(
+                    f"{where} = {shown(value)} is not allowed; it must be a list of at most {most} {self._names()}."
+                )
             if self.one_or_many and not value:
                 raise SettingError(f"{where} = [] is not allowed; it needs at least one of {self._names()}.")
             return tuple(self._parse_one(item, f"{where}[{i}]") for i, item in enumerate(value))
@@ -226,7 +226,7 @@ class ChildSpec(_Spec):
         if isinstance(value, self.types):
             return value
         if not isinstance(value, Mapping):
-            raise SettingError(f"{where} = {value!r} is not allowed; it must be a {self._names()} or a mapping.")
+            raise SettingError(f"{where} = {shown(value)} is not allowed; it must be a {self._names()} or a mapping.")
         if len(self.types) == 1:
             return self.types[0].from_dict(value)
         return self._by_kind(value, where).from_dict({k: v for k, v in value.items() if k != "kind"})
@@ -235,17 +235,17 @@ class ChildSpec(_Spec):
         kinds = {each.kind: each for each in self.types}
         if "kind" not in value:
             raise SettingError(f"{where} needs a 'kind'. Valid names: {', '.join(kinds)}.")
-        if str(value["kind"]) not in kinds:
-            raise SettingError(
-                f"{where}.kind = {value['kind']!r} is not allowed; {closest(str(value['kind']), list(kinds))}"
-            )
-        return kinds[value["kind"]]
+        kind = scalar(value["kind"])
+        if not isinstance(kind, str) or kind not in kinds:
+            raise SettingError(f"{where}.kind = {shown(kind)} is not allowed; {closest(kind, kinds)}")
+        return kinds[kind]
 
     def merge(self, old: Any, value: Any, where: str) -> Any:
         """The old child with a mapping of overrides, or a whole new one where the kind changes."""
-        mapping = isinstance(old, Parameters) and isinstance(value, Mapping)
-        if mapping and value.get("kind", old.kind) == old.kind:
-            return old.merged({k: v for k, v in value.items() if k != "kind"})
+        if isinstance(old, Parameters) and isinstance(value, Mapping):
+            kind = scalar(value.get("kind", old.kind))
+            if isinstance(kind, str) and kind == old.kind:
+                return old.merged({k: v for k, v in value.items() if k != "kind"})
         return self.parse(value, where)
 
     def dump(self, value: Any) -> Any:
@@ -255,37 +255,24 @@ class ChildSpec(_Spec):
         return kind | value.to_dict()
 
 
-def _as_float(value: Any) -> float | None:
-    if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except OverflowError:
-            return None
-    return None
-
-
 def number(
     default: float | Sequence[float] | None,
     unit: str,
     description: str,
     *,
-    low: float = -math.inf,
-    high: float = math.inf,
-    positive: bool = False,
-    open_high: bool = False,
+    low: float,
+    high: float,
     randomisable: bool = True,
     optional: bool = False,
     source: str = "",
     since: str = "",
 ) -> Any:
-    """A dataclass field for a number [unit] in [low, high]; `positive` makes it (0, high]."""
+    """A dataclass field for a number [unit] in [low, high], beyond which no vehicle, sea or light is."""
     spec = NumberSpec(
         description=description,
         unit=unit,
-        low=0.0 if positive else low,
+        low=low,
         high=high,
-        open_low=positive,
-        open_high=open_high,
         randomisable=randomisable,
         optional=optional,
         source=source,
@@ -345,7 +332,14 @@ class Parameters:
         for name, spec in self.specs().items():
             value = spec.parse(getattr(self, name), f"{type(self).__name__}.{name}")
             object.__setattr__(self, name, value)
-        self._check()
+        try:
+            self._check()
+        except ArithmeticError as error:
+            # Each value is allowed, but what follows from all of them is beyond the range of numbers.
+            raise SettingError(
+                f"{type(self).__name__} = {shown(self.to_dict())} is not allowed; what follows from its values must be "
+                f"finite: {error}."
+            ) from None
 
     def _check(self) -> None:
         """Checks that involve several fields; subclasses raise `SettingError` here."""
@@ -374,11 +368,11 @@ class Parameters:
         return {field.name: field.metadata["spec"] for field in dataclasses.fields(cls)}
 
     @classmethod
-    def _refuse_unknown(cls, names: Any) -> None:
+    def _refuse_unknown(cls, names: Iterable[Any]) -> None:
         known = list(cls.specs())
         for name in names:
-            if name not in known:
-                raise SettingError(f"{cls.__name__} has no setting {name!r}; {closest(str(name), known)}")
+            if not isinstance(name, str) or name not in known:
+                raise SettingError(f"{cls.__name__} has no setting {shown(name)}; {closest(name, known)}")
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -387,6 +381,8 @@ class Parameters:
         Raises:
             SettingError: A key is unknown (the nearest valid name is given) or a value isn't allowed.
         """
+        if not isinstance(data, Mapping):
+            raise SettingError(f"{cls.__name__} = {shown(data)} is not allowed; it must be a mapping of settings.")
         cls._refuse_unknown(data)
         required = [f.name for f in dataclasses.fields(cls) if f.default is dataclasses.MISSING]
         for name in required:
@@ -405,7 +401,9 @@ class Parameters:
             SettingError: A key is unknown (the nearest valid name is given) or a value isn't allowed.
         """
         if not isinstance(overrides, Mapping):
-            raise SettingError(f"{type(self).__name__} overrides must be a mapping, got {overrides!r}.")
+            raise SettingError(
+                f"{type(self).__name__} = {shown(overrides)} is not allowed; changes to it must be a mapping."
+            )
         self._refuse_unknown(overrides)
         changes: dict[str, Any] = {}
         for name, value in overrides.items():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +11,9 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from uwoc_gym.spaces import ScenarioLike
+from uwoc_gym.given import is_sequence, shown, values_of
+from uwoc_gym.scenario import as_scenario
+from uwoc_gym.spaces import ScenarioLike, check_options, check_seed
 from uwoc_gym.vector_env import TrackingVectorEnv
 
 
@@ -58,27 +61,88 @@ class TrackingVecEnv(VecEnv):
             raise ValueError(refusal)
         self.vector_env = made.unwrapped
         known = self.vector_env.info_names
-        for key in info_keys:
+        if not is_sequence(info_keys):
+            raise ValueError(f"info_keys = {shown(info_keys)} is not allowed; it must be a list of names.")
+        for key in values_of(info_keys):
             if key not in known:
-                raise ValueError(f"info_keys has {key!r}, which is not known; allowed are {', '.join(known)}.")
-        self._info_keys = tuple(info_keys)
+                raise ValueError(f"info_keys has {shown(key)}, which is not known; allowed are {', '.join(known)}.")
+        self._info_keys = tuple(values_of(info_keys))
         self._actions: Any = None
-        super().__init__(n_envs, self.vector_env.single_observation_space, self.vector_env.single_action_space)
+        own = self.vector_env
+        super().__init__(own.num_envs, own.single_observation_space, own.single_action_space)
         self.render_mode = self.vector_env.render_mode
         if seed is not None:
             self.seed(seed)
 
     def seed(self, seed: int | None = None) -> list[int | None]:
-        """Set the seeds that the next `reset` uses: ``seed + i`` for environment i."""
-        if seed is None:
-            seed = int(np.random.SeedSequence().generate_state(1)[0])
-        self._seeds = [seed + i for i in range(self.num_envs)]
+        """Set the seeds that the next `reset` uses: ``seed + i`` for environment i.
+
+        Raises:
+            ValueError: It isn't a whole number of at least 0; the seeds stay.
+        """
+        first = check_seed(seed)
+        if first is None:
+            first = int(np.random.SeedSequence().generate_state(1)[0])
+        self._seeds = [first + i for i in range(self.num_envs)]
         return list(self._seeds)
+
+    def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
+        """Set the options that the next `reset` uses, and only that one.
+
+        Args:
+            options: ``pose``, ``velocity``, ``parameters`` and ``scenario`` as in `TrackingEnv.reset`, for all
+                environments, or one such dict for each. Those must have the same keys, and the same scenario.
+
+        Raises:
+            ValueError: They aren't allowed; the options stay.
+        """
+        given: Any = {} if options is None else options
+        each: list[Any] = list(given) if is_sequence(given) else [given] * self.num_envs
+        if len(each) != self.num_envs:
+            raise ValueError(f"options = {shown(given)} is not allowed; it must be a dict or {self.num_envs} of them.")
+        self.vector_env.check_reset(options=self._together(each))
+        self._options = deepcopy(each)
+
+    def _together(self, each: list[Any]) -> dict[str, Any]:
+        """The options of all environments as those of one vector environment."""
+        first = check_options(each[0], ("pose", "velocity", "parameters", "scenario"))
+        if all(other is each[0] for other in each):
+            return dict(first)
+        for i, other in enumerate(each):
+            if not isinstance(other, Mapping) or other.keys() != first.keys():
+                raise ValueError(
+                    f"options[{i}] = {shown(other)} is not allowed; it must have the keys of the first, "
+                    f"{', '.join(first) or 'none'}, since environments are reset together."
+                )
+        found: dict[str, Any] = {}
+        for key in first:
+            values = [other[key] for other in each]
+            if all(value is None for value in values):
+                continue
+            if key == "scenario":
+                base = self.vector_env.scenario
+                if any(as_scenario(value, base) != as_scenario(values[0], base) for value in values):
+                    raise ValueError(
+                        f"options[...]['scenario'] = {shown(values)} is not allowed; it must be the same for all "
+                        "environments, which share one fleet."
+                    )
+                found[key] = values[0]
+            elif key == "parameters" and isinstance(values[0], Mapping):
+                for i, value in enumerate(values):
+                    if not isinstance(value, Mapping) or value.keys() != values[0].keys():
+                        raise ValueError(
+                            f"options[{i}]['parameters'] = {shown(value)} is not allowed; it must have the names of "
+                            "the first, since environments are reset together."
+                        )
+                found[key] = {name: [value[name] for value in values] for name in values[0]}
+            else:
+                found[key] = values
+        return found
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in every environment; returns observations of shape (N, size)."""
         seeds: list[int | None] | None = list(self._seeds) if any(s is not None for s in self._seeds) else None
-        observations, infos = self.vector_env.reset(seed=seeds)
+        observations, infos = self.vector_env.reset(seed=seeds, options=self._together(self._options))
         self.reset_infos = [_lane(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()

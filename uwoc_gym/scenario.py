@@ -9,15 +9,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
+from uwoc_gym.given import from_json, shown
 from uwoc_gym.parameters import Number, Parameters, SettingError, child, choice, closest, number
 from uwoc_gym.task.action import KINDS
-from uwoc_gym.task.ending import EpisodeSettings
+from uwoc_gym.task.ending import RATE_TIMES_STEP, EpisodeSettings
 from uwoc_gym.task.observation import ObservationSettings
 from uwoc_gym.task.reward import RewardSettings
-from uwoc_gym.world.auv.horizontal import Vehicle
+from uwoc_gym.world.auv.horizontal import FASTEST, Vehicle
+from uwoc_gym.world.auv.limits import Motion
 from uwoc_gym.world.auv.sensors import Sensors
 from uwoc_gym.world.auv.start import Start
-from uwoc_gym.world.optics.link import OpticalLink
+from uwoc_gym.world.optics.link import LOWEST_CONE_M, OpticalLink
 from uwoc_gym.world.sea import Sea
 from uwoc_gym.world.ship.paths import (
     SHIP_PATHS,
@@ -52,7 +56,8 @@ class Scenario(Parameters):
         None,
         "m",
         "the AUV's depth; None for the height of the cone",
-        positive=True,
+        low=0.01,
+        high=10000.0,
         optional=True,
         source="paper, sec. 4: the cone's height",
     )
@@ -70,6 +75,56 @@ class Scenario(Parameters):
                     f"Scenario.ship: the recorded path ends at {path.end_time_s:g} s, before the episode of "
                     f"{self.episode.duration_s:g} s; record at least that long or lower episode.duration_s."
                 )
+        motion = self.motion
+        if not (motion.velocity <= FASTEST).all():
+            speeds = ", ".join(f"{each:.3g}" for each in motion.velocity)
+            raise SettingError(
+                "Scenario.vehicle is not allowed: with these masses, dampings, forces, ranges and this duration it "
+                f"gets as fast as {speeds} in surge [m/s], sway [m/s] and yaw [rad/s]; each must be at most "
+                f"{FASTEST:g}."
+            )
+        if motion.rate * self.episode.integration_step_s > RATE_TIMES_STEP:
+            raise SettingError(
+                f"EpisodeSettings.integration_step_s = {self.episode.integration_step_s!r} is not allowed: with these "
+                f"masses, dampings, forces and ranges the motion changes at up to {motion.rate:.3g} 1/s, which the "
+                f"integrator doesn't follow; it must be at most {self.episode.step_for(motion.rate)!r} [s]."
+            )
+        self._check_reach()
+
+    def _check_reach(self) -> None:
+        """Refuse what nobody can solve: light that doesn't reach the AUV, a start at which the link counts as lost."""
+        slant = self.link.smallest_cone().slant_height_m
+        if slant < LOWEST_CONE_M:
+            raise SettingError(
+                f"OpticalLink.threshold_bit_rate_bps = {self.link.threshold_bit_rate_bps!r} is not allowed: with this "
+                f"link no light reaches it beyond {slant:.2g} m; the cone's slant height must be at least "
+                f"{LOWEST_CONE_M} m, which a lower bit rate gives [bit/s]."
+            )
+        if self.depth_m is not None and np.max(self.depth_m) > slant:
+            raise SettingError(
+                f"Scenario.depth_m = {self.depth_m!r} is not allowed: it reaches below the cone, where the link never "
+                f"holds; with this link it must be at most {slant:.4g} [m]."
+            )
+        farthest = max(self._start_distance(path) for path in self.ship_paths)
+        if farthest >= self.episode.lost_distance_m:
+            raise SettingError(
+                f"Start.x_m = {self.start.x_m!r}, y_m = {self.start.y_m!r} is not allowed: an episode can begin "
+                f"{farthest:.4g} m from the ship, where the link is lost at once; it must be nearer than "
+                f"EpisodeSettings.lost_distance_m = {self.episode.lost_distance_m!r} [m]."
+            )
+
+    def _start_distance(self, path: ShipPath) -> float:
+        """The farthest from the ship that an episode on that path can begin [m]; 0 if that isn't known."""
+        ships = np.zeros((1, 2)) if self.start.relative_to_ship else path.starts()
+        own = [(x, y) for x in np.ravel(self.start.x_m) for y in np.ravel(self.start.y_m)]
+        return float(max((np.hypot(*(ships - place).T).max() for place in own if len(ships)), default=0.0))
+
+    @property
+    def motion(self) -> Motion:
+        """Bounds of the AUV's motion through the water, over all that episodes draw."""
+        water = self.sea.current.fastest_mps * np.array([1.0, 1.0, 0.0])
+        force = self.vehicle.force_limits + self.sea.strongest_push
+        return Motion(self.vehicle, force, self.start.fastest + water, self.episode.duration_s)
 
     @property
     def ship_paths(self) -> tuple[ShipPath, ...]:
@@ -97,8 +152,8 @@ class Scenario(Parameters):
         Raises:
             SettingError: There is no scenario of that name; the nearest one is given.
         """
-        if name not in SCENARIOS:
-            raise SettingError(f"There is no scenario {name!r}; {closest(name, list(SCENARIOS))}")
+        if not isinstance(name, str) or name not in SCENARIOS:
+            raise SettingError(f"There is no scenario {shown(name)}; {closest(name, SCENARIOS)}")
         return SCENARIOS[name]
 
     def known(self, integration_step_s: float | None = None) -> Scenario:
@@ -139,12 +194,9 @@ class Scenario(Parameters):
         Raises:
             SettingError: The text isn't a JSON object, a key is unknown or a value isn't allowed.
         """
-        try:
-            data = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise SettingError(f"The scenario isn't valid JSON: {error}.") from None
+        data = from_json(text, f"The scenario {shown(text)}")
         if not isinstance(data, Mapping):
-            raise SettingError("The scenario's JSON must be an object.")
+            raise SettingError(f"The scenario {shown(text)} is not allowed; its JSON must be an object.")
         return cls.from_dict(data)
 
 

@@ -15,12 +15,15 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled
 
+from uwoc_gym.given import LIMITS, SettingError, as_whole, count, is_sequence, shown
 from uwoc_gym.scenario import Scenario, as_scenario
 
 FRAME = (1280, 720)
 """Width and height of a rendered frame by default [px]."""
-SMALLEST_FRAME = (320, 180)
-"""Least width and height of a frame [px]."""
+SMALLEST_FRAME, LARGEST_FRAME = (
+    (int(width), int(height)) for width, height in zip(LIMITS["width"][:2], LIMITS["height"][:2], strict=True)
+)
+"""Least and greatest width and height of a frame [px]."""
 
 VectorSpace = spaces.Space[npt.NDArray[np.float32]]
 ScenarioLike = str | Scenario | Mapping[str, Any]
@@ -103,7 +106,10 @@ def episode_scenario(base: Scenario, overrides: Any) -> Scenario:
     Raises:
         ValueError: The overrides aren't allowed or would change what is observed or done.
     """
-    changed = as_scenario(overrides, base)
+    try:
+        changed = as_scenario(overrides, base)
+    except SettingError as error:
+        raise SettingError(f"options['scenario']: {error}") from None
     for name in ("observation", "action"):
         if getattr(changed, name) != getattr(base, name):
             raise ValueError(f"options['scenario'] must not change {name!r}: it is fixed when the environment is made.")
@@ -116,12 +122,12 @@ def check_render_mode(render_mode: str | None, allowed: Sequence[str]) -> None:
     Raises:
         ValueError: The mode isn't among ``allowed``.
     """
-    if render_mode is not None and render_mode not in allowed:
+    if render_mode is not None and not (isinstance(render_mode, str) and render_mode in allowed):
         hint = ""
-        if render_mode == "human":
+        if isinstance(render_mode, str) and render_mode == "human":
             hint = " To see a vector environment, wrap it in gymnasium.wrappers.vector.HumanRendering."
         modes = ", ".join(repr(mode) for mode in allowed)
-        raise ValueError(f"render_mode = {render_mode!r} is not allowed; it must be None or one of {modes}.{hint}")
+        raise ValueError(f"render_mode = {shown(render_mode)} is not allowed; it must be None or one of {modes}.{hint}")
 
 
 def import_rendering() -> ModuleType:
@@ -142,19 +148,20 @@ def check_render_size(render_size: Any) -> tuple[int, int]:
     """Width and height of a frame [px], made even as video encoders want them.
 
     Raises:
-        ValueError: They aren't two whole numbers, or too small to show anything.
+        ValueError: They aren't two whole numbers, or too small to show anything, or larger than any screen.
     """
-    try:
-        width, height = (int(value) for value in render_size)
-        fits = (width, height) == tuple(render_size) and width >= SMALLEST_FRAME[0] and height >= SMALLEST_FRAME[1]
-    except (TypeError, ValueError):
-        fits = False
-    if not fits:
+    sides = [as_whole(side) for side in render_size] if is_sequence(render_size) and len(render_size) == 2 else []
+    fits = [
+        side
+        for side, least, most in zip(sides, SMALLEST_FRAME, LARGEST_FRAME, strict=False)
+        if side is not None and least <= side <= most
+    ]
+    if len(fits) < 2:
         raise ValueError(
-            f"render_size = {render_size!r} is not allowed; it must be a whole width and height of at least "
-            f"{SMALLEST_FRAME[0]} and {SMALLEST_FRAME[1]} [px]."
+            f"render_size = {shown(render_size)} is not allowed; it must be a whole width and height [px] of at least "
+            f"{SMALLEST_FRAME[0]} and {SMALLEST_FRAME[1]} and at most {LARGEST_FRAME[0]} and {LARGEST_FRAME[1]}."
         )
-    return width // 2 * 2, height // 2 * 2
+    return fits[0] // 2 * 2, fits[1] // 2 * 2
 
 
 def check_options(options: Mapping[str, Any] | None, allowed: tuple[str, ...]) -> Mapping[str, Any]:
@@ -163,10 +170,19 @@ def check_options(options: Mapping[str, Any] | None, allowed: tuple[str, ...]) -
     Raises:
         ValueError: The options aren't a mapping, or a key is unknown.
     """
-    given = options or {}
+    given = {} if options is None else options
     if not isinstance(given, Mapping):
-        raise ValueError(f"options = {options!r} is not allowed; it must be a mapping.")
+        raise ValueError(f"options = {shown(options)} is not allowed; it must be a mapping.")
     for key in given:
         if key not in allowed:
-            raise ValueError(f"options[{key!r}] is not known; allowed are {', '.join(allowed)}.")
+            raise ValueError(f"options[{shown(key)}] is not known; allowed are {', '.join(allowed)}.")
     return given
+
+
+def check_seed(seed: Any, name: str = "seed") -> int | None:
+    """A seed as a plain number; None stays.
+
+    Raises:
+        ValueError: It isn't a whole number from 0 to 2⁶⁴ − 1.
+    """
+    return None if seed is None else count(name, seed, "seed")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -10,6 +11,8 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from uwoc_gym.given import as_numbers, closest, count, is_sequence, shown, values_of
+from uwoc_gym.scenario import Scenario
 from uwoc_gym.sim.fleet import Autoreset, Fleet
 from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES, info_names
 from uwoc_gym.spaces import (
@@ -21,6 +24,7 @@ from uwoc_gym.spaces import (
     check_options,
     check_render_mode,
     check_render_size,
+    check_seed,
     episode_scenario,
     import_rendering,
     observation_space,
@@ -61,8 +65,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
 
     Raises:
         SettingError: A setting is unknown or not allowed.
-        ValueError: ``num_envs``, ``threads`` or ``max_episode_steps`` is below 1, or the render mode or size isn't
-            allowed.
+        ValueError: ``num_envs``, ``threads`` or ``max_episode_steps`` isn't a whole number within its bounds
+            (`uwoc_gym.given.LIMITS`), or the autoreset mode, the render mode or the size isn't allowed.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as Gymnasium declares it
@@ -85,8 +89,9 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         self.render_mode = render_mode
         self.render_size = check_render_size(render_size)
         self.renderers: list[Any] = []
-        mode = AutoresetMode(autoreset_mode)
+        mode = _autoreset_mode(autoreset_mode)
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s, scenario_digest)
+        num_envs = count("num_envs", num_envs, "environments")
         self._max_episode_steps = max_episode_steps
         self._fleet = Fleet(self.scenario, num_envs, _MODES[mode], max_episode_steps, threads)
         self.num_envs = self._fleet.size
@@ -120,20 +125,15 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
                 ``reset_mask``, bool of shape (N,), to reset only some environments.
 
         Raises:
-            ValueError: An option is unknown, of the wrong shape, out of range or not finite, or there aren't N seeds.
+            ValueError: An option is unknown, of the wrong shape, out of range or not finite, or there aren't N seeds;
+                nothing has changed.
         """
-        given = check_options(options, ("pose", "velocity", "parameters", "scenario", "reset_mask"))
-        mask = self._reset_mask(given.get("reset_mask"))
-        wanted = self.scenario
-        if given.get("scenario") is not None:
-            if not mask.all():
-                raise ValueError("options['scenario'] applies to all environments; leave out options['reset_mask'].")
-            wanted = episode_scenario(self.scenario, given["scenario"])
-        if mask.all() and wanted is not self._fleet.scenario:
+        seeds, given, mask, wanted = self._checked(seed, options)
+        if wanted is not self._fleet.scenario:
             self._fleet.configure(wanted, self._max_episode_steps)
             self._name_infos()
         lanes = np.flatnonzero(mask)
-        self._seed(seed, lanes)
+        self._seed(seeds, lanes)
         observations = (
             np.empty((self.num_envs, self._observation_size), dtype=np.float32) if mask.all() else self._fleet.observe()
         )
@@ -146,6 +146,38 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
             infos |= {f"_{name}": mask.copy() for name in self.info_names}
         return observations, infos
 
+    def check_reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> None:
+        """Refuse what `reset` would refuse, and change nothing.
+
+        Raises:
+            ValueError: As of `reset`.
+        """
+        self._checked(seed, options)
+
+    def _checked(
+        self, seed: Any, options: Any
+    ) -> tuple[int | list[int | None] | None, Mapping[str, Any], npt.NDArray[np.bool_], Scenario]:
+        """Seeds, options, mask and scenario of a reset."""
+        given = check_options(options, ("pose", "velocity", "parameters", "scenario", "reset_mask"))
+        mask = self._reset_mask(given.get("reset_mask"))
+        # A scenario given at the last full reset holds until the next one.
+        wanted = self.scenario if mask.all() else self._fleet.scenario
+        if given.get("scenario") is not None:
+            if not mask.all():
+                raise ValueError(
+                    f"options['scenario'] = {shown(given['scenario'])} is not allowed beside options['reset_mask']; it "
+                    "must apply to all environments."
+                )
+            wanted = episode_scenario(self.scenario, given["scenario"])
+        self._fleet.check_start(wanted, given.get("pose"), given.get("velocity"), given.get("parameters"))
+        if not is_sequence(seed):
+            return check_seed(seed), given, mask, wanted
+        if len(seed) != self.num_envs:
+            raise ValueError(
+                f"seed = {shown(seed)} has {len(seed)} entries; it must be a number or {self.num_envs} of them."
+            )
+        return [check_seed(each, f"seed[{i}]") for i, each in enumerate(seed)], given, mask, wanted
+
     def _name_infos(self) -> None:
         """Keep at hand the keys of `info`, until the fleet is configured anew."""
         self.info_names = info_names(self._fleet.scenario)
@@ -157,31 +189,30 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
     def _reset_mask(self, mask: Any) -> npt.NDArray[np.bool_]:
         if mask is None:
             return self._all
-        array = np.asarray(mask)
+        array = np.asarray([each if isinstance(each, bool) else None for each in values_of(mask)])
+        if isinstance(mask, np.ndarray):
+            array = mask
         if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
             raise ValueError(
-                f"options['reset_mask'] has shape {array.shape} and type {array.dtype}; it must be a bool array of "
-                f"shape ({self.num_envs},) with at least one True."
+                f"options['reset_mask'] = {shown(mask)} is not allowed; it must be a bool array of shape "
+                f"({self.num_envs},) with at least one True."
             )
         if not self._begun and not array.all():
-            raise ValueError("options['reset_mask'] must be True everywhere at the first reset.")
+            raise ValueError(
+                f"options['reset_mask'] = {shown(mask)} is not allowed; it must be True everywhere at the first reset."
+            )
         return array
 
-    def _seed(self, seed: int | list[int | None] | None, lanes: npt.NDArray[np.int64]) -> None:
-        if seed is None or isinstance(seed, (int, np.integer)):
-            super().reset(seed=None if seed is None else int(seed))
+    def _seed(self, given: int | list[int | None] | None, lanes: npt.NDArray[np.int64]) -> None:
+        if given is None or isinstance(given, int):
+            super().reset(seed=given)
             first = self._fresh_seed()
             if first is None:
                 return
             seeds: list[int | None] = [first + i for i in range(self.num_envs)]
         else:
-            seeds = list(seed)
+            seeds = given
             self._generator = self.np_random
-            if len(seeds) != self.num_envs:
-                raise ValueError(f"seed has {len(seeds)} entries; it must be a number or {self.num_envs} of them.")
-            for i, each in enumerate(seeds):
-                if each is not None and (not isinstance(each, (int, np.integer)) or each < 0):
-                    raise ValueError(f"seed[{i}] = {each!r} is not allowed; it must be a whole number of at least 0.")
         chosen = [i for i in lanes.tolist() if seeds[i] is not None]
         missing = [i for i in lanes.tolist() if seeds[i] is None]
         self._fleet.seed(np.array(chosen, dtype=np.int64), [int(seeds[i] or 0) for i in chosen])
@@ -201,15 +232,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """
         if not self._begun:
             raise gym.error.ResetNeeded("no episode has begun; call reset() before step().")
-        try:
-            given = np.ascontiguousarray(actions, dtype=np.float32)
-        except (TypeError, ValueError):
-            raise ValueError(f"actions {actions!r} are not allowed; they must be numbers.") from None
-        if not given.flags.writeable:
-            # Numba compiles anew for arrays that can't be written to.
-            given = given.copy()
-        if given.shape != (self.num_envs, self._action_size):
-            raise ValueError(f"actions have shape {given.shape}; it must be ({self.num_envs}, {self._action_size}).")
+        given = self._as_actions(actions)
         observations = np.empty((self.num_envs, self._observation_size), dtype=np.float32)
         out = np.empty((len(MEASURE_NAMES), self.num_envs))
         flags = np.empty((len(FLAGS), self.num_envs), dtype=np.bool_)
@@ -228,6 +251,16 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         infos["final_info"] = final
         infos["_final_info"] = ended.copy()
         return observations, out[_REWARD], terminated, truncated, infos
+
+    def _as_actions(self, actions: Any) -> npt.NDArray[np.float32]:
+        """Actions of the type that is compiled for: contiguous, and not read-only."""
+        shape = (self.num_envs, self._action_size)
+        if type(actions) is np.ndarray and actions.dtype == np.float32 and actions.shape == shape:
+            return actions if actions.flags.carray else actions.copy()
+        numbers = as_numbers(actions, shape)
+        if numbers is None:
+            raise ValueError(f"actions = {shown(actions)} are not allowed; they must be finite and of shape {shape}.")
+        return np.clip(numbers, -1.0, 1.0).astype(np.float32)
 
     def _present_infos(self) -> dict[str, Any]:
         measures = self._fleet.measures()
@@ -311,6 +344,13 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads, if there are any."""
         self._fleet.close()
+
+
+def _autoreset_mode(given: Any) -> AutoresetMode:
+    names = [mode.value for mode in AutoresetMode]
+    if not (isinstance(given, AutoresetMode) or (isinstance(given, str) and given in names)):
+        raise ValueError(f"autoreset_mode = {shown(given)} is not allowed; {closest(given, names)}")
+    return AutoresetMode(given)
 
 
 def _lane(values: dict[str, npt.NDArray[Any]], i: int) -> dict[str, Any]:

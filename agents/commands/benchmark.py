@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError, require
-from uwoc_gym.agents.flight import Series, batches, flown_seeds, fly
-from uwoc_gym.agents.options import add_scenario_arguments, policies_of, scenarios_of, seconds, whole
+from uwoc_gym.agents.flight import Series, batches, check_flights, flown_seeds, fly
+from uwoc_gym.agents.options import add_scenario_arguments, number, policies_of, scenarios_of, whole
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, statistics, tables
 from uwoc_gym.baselines.policy import Policy
@@ -40,14 +40,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_scenario_arguments(parser, list(ENV_IDS), many=True)
     parser.add_argument(
-        "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
+        "--seeds", type=whole("seeds"), default=20, metavar="N", help="number of seeds (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="first seed (default: %(default)s)")
+    parser.add_argument("--seed", type=whole("seed"), default=0, metavar="S", help="first seed (default: %(default)s)")
     parser.add_argument(
-        "--batch", type=whole(1), default=50, metavar="N", help="episodes at a time (default: %(default)s)"
+        "--batch",
+        type=whole("episodes at a time"),
+        default=50,
+        metavar="N",
+        help="episodes at a time (default: %(default)s)",
     )
     parser.add_argument(
-        "--control-period", type=seconds, metavar="S", help="time between actions [s] (default: the scenario's)"
+        "--control-period",
+        type=number("seconds"),
+        metavar="S",
+        help="time between actions [s] (default: the scenario's)",
     )
     parser.add_argument("--out", metavar="DIR", help="folder for results.json, episodes.csv, table.md and figures")
 
@@ -57,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     require("tqdm", *(["matplotlib"] if args.out else []))
     scenarios = _scenarios(args)
     policies = policies_of(args.policy)
+    check_flights(policies, scenarios, min(args.batch, args.seeds))
     folder = files.output_folder(args.out) if args.out else None
     results: list[tables.Result] = []
     flown: dict[str, dict[str, tuple[int, Series]]] = {}

@@ -30,9 +30,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the cases' PD: without feedforward on a plant without Coriolis terms, as its nominal row was found to "
         "be, or as printed (default: %(default)s)",
     )
-    parser.add_argument("--trials", type=whole(1), metavar="N", help="points to try in all (default: 4000; cases 1500)")
     parser.add_argument(
-        "--batch", type=whole(2), default=64, metavar="N", help="points to try at a time (default: %(default)s)"
+        "--trials", type=whole("trials"), metavar="N", help="points to try in all (default: 4000; cases 1500)"
+    )
+    parser.add_argument(
+        "--batch",
+        type=whole("episodes at a time", low=2),
+        default=64,
+        metavar="N",
+        help="points to try at a time (default: %(default)s)",
     )
     add_search_arguments(parser)
 

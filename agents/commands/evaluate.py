@@ -6,7 +6,7 @@ import argparse
 import time
 
 from uwoc_gym.agents.errors import naming
-from uwoc_gym.agents.flight import batches, flown_seeds, fly
+from uwoc_gym.agents.flight import batches, check_flights, flown_seeds, fly
 from uwoc_gym.agents.options import add_scenario_arguments, scenario_of, whole
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files, tables
@@ -18,6 +18,9 @@ examples:
   uwoc-gym evaluate runs/ppo --scenario Random --seed 1000 --seeds 50 --out results
 """
 
+BATCH = 100
+"""Episodes flown at a time."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
@@ -26,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_scenario_arguments(parser, "Random")
     parser.add_argument(
-        "--seeds", type=whole(1), default=20, metavar="N", help="number of seeds (default: %(default)s)"
+        "--seeds", type=whole("seeds"), default=20, metavar="N", help="number of seeds (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="first seed (default: %(default)s)")
+    parser.add_argument("--seed", type=whole("seed"), default=0, metavar="S", help="first seed (default: %(default)s)")
     parser.add_argument("--out", metavar="DIR", help="folder for results.json")
 
 
@@ -37,11 +40,12 @@ def run(args: argparse.Namespace) -> int:
     name, scenario = scenario_of(args)
     with naming("POLICY"):
         policy = load(args.policy)
+    check_flights([policy], {name: scenario}, min(args.seeds, BATCH))
     folder = files.output_folder(args.out) if args.out else None
     begun = time.perf_counter()
     asked = range(args.seed, args.seed + args.seeds)
     seeds = flown_seeds(policy, scenario, asked)
-    rows = [row for batch in batches(seeds, 100) for row in fly(policy, scenario, batch).metrics.rows()]
+    rows = [row for batch in batches(seeds, BATCH) for row in fly(policy, scenario, batch).metrics.rows()]
     data = tables.results_data([tables.Result(name, policy.name, rows, len(seeds) < len(asked))], args.seed)
     print(tables.table(data), end="")
     if folder is not None:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.errors import require
+from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.protocol import GROUPS
-from uwoc_gym.agents.learning.seeds import HELD_OUT
+from uwoc_gym.agents.learning.seeds import HELD_OUT, RUNS
 from uwoc_gym.agents.options import add_scenario_arguments, scenarios_of, whole
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import comparison, figures, files
+from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.registry import ENV_IDS
 
 HELP = "train every group of agents from several seeds and compare them with the controllers on held-out seeds"
@@ -38,16 +39,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"what to train (default: {' '.join(GROUPS)})",
     )  # fmt: skip
     parser.add_argument(
-        "--training-seeds", type=whole(0), metavar="N",
+        "--training-seeds", type=whole("seeds", low=0, high=RUNS), metavar="N",
         help="trainings of each group (default: the group's own, 10 or 3); 0 for controllers alone",
     )  # fmt: skip
     add_scenario_arguments(parser, list(ENV_IDS), "what is flown: ", many=True)
     parser.add_argument(
-        "--seeds", type=whole(1), default=len(HELD_OUT), metavar="N", help="held-out seeds (default: %(default)s)"
+        "--seeds",
+        type=whole("seeds", high=len(HELD_OUT)),
+        default=len(HELD_OUT),
+        metavar="N",
+        help="held-out seeds (default: %(default)s)",
     )
-    parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps instead of the settings' own")
+    parser.add_argument("--steps", type=whole("steps"), metavar="N", help="training steps instead of the settings' own")
     parser.add_argument(
-        "--jobs", type=whole(1), default=2, metavar="N", help="trainings and flights at a time (default: %(default)s)"
+        "--jobs",
+        type=whole("jobs"),
+        default=2,
+        metavar="N",
+        help="trainings and flights at a time (default: %(default)s)",
     )
     parser.add_argument("--runs", required=True, metavar="DIR", help="folder of the trainings; what is there is kept")
     parser.add_argument("--ship", metavar="DIR", help="put each group's best agent on the validation seeds here")
@@ -59,13 +68,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train what is missing, fly everything and report; returns the exit status."""
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
-    if args.seeds > len(HELD_OUT):
-        raise CommandError(f"--seeds {args.seeds} is not allowed; there are {len(HELD_OUT)} held-out seeds.")
     scenarios = scenarios_of(args)
-    folder, runs = files.output_folder(args.out), files.output_folder(args.runs)
+    check_flights([CONTROLLERS[name] for name in RIVALS], scenarios, min(args.seeds, protocol.BATCH))
+    folder, runs = files.output_folder(args.out), files.output_folder(args.runs, "--runs")
+    if args.ship:
+        files.output_folder(args.ship, "--ship")
     begun = time.perf_counter()
     counts = {name: GROUPS[name].seeds if args.training_seeds is None else args.training_seeds for name in args.groups}
     members = protocol.jobs_of({name: count for name, count in counts.items() if count}, runs, args.steps)
+    protocol.check(members, scenarios)
     # By seed, so that a protocol that is stopped has as much of every group.
     jobs = sorted((job for own in members.values() for job in own), key=lambda job: job.wish.seed or 0)
     protocol.train_all(jobs, args.jobs)
@@ -81,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         "groups": {
             group: {
                 "arguments": GROUPS[group].wish.words(),
-                "trainings": [json.loads((path / "results.json").read_text(encoding="utf-8")) for path in own],
+                "trainings": [files.read_json(path / "results.json") for path in own],
             }
             for group, own in folders.items()
         },

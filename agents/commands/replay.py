@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from uwoc_gym.agents.errors import require
-from uwoc_gym.agents.flight import fly
-from uwoc_gym.agents.options import add_episode_arguments, add_file_arguments, episode_of, moment
+from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.flight import check_flights, fly
+from uwoc_gym.agents.options import add_episode_arguments, add_file_arguments, episode_of, number
 from uwoc_gym.agents.reports.files import output_file, write_text
 from uwoc_gym.agents.viewing.replay import page, page_data
 
@@ -26,7 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_episode_arguments(parser, ["pd", "nlpd"])
     add_file_arguments(parser, "replay.html", False, "the page")
     parser.add_argument(
-        "--at", type=moment, default=0.0, metavar="S", help="moment that the page opens at [s] (default: 0)"
+        "--at",
+        type=number("seconds", low=0.0),
+        default=0.0,
+        metavar="S",
+        help="moment that the page opens at [s] (default: 0)",
     )
 
 
@@ -37,6 +41,10 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     wanted = episode_of(args)
+    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1)
+    duration = wanted.scenario.episode.duration_s
+    if args.at > duration:
+        raise CommandError(f"--at {args.at:g} is not allowed; it must be at most the episode's {duration:g} s.")
     path = output_file(args.out, (".html",), args.force)
     flights = {}
     for policy in tqdm(wanted.policies, unit="policy", file=sys.stderr, desc="flying"):

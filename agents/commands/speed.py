@@ -19,7 +19,7 @@ import numba
 import numpy as np
 
 from uwoc_gym.agents.errors import require
-from uwoc_gym.agents.options import seconds, whole
+from uwoc_gym.agents.options import number, whole
 from uwoc_gym.agents.reports import files, tables
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.registry import ENV_IDS
@@ -50,26 +50,30 @@ _ACTIONS = 512
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument("--rounds", type=whole(1), default=5, metavar="N", help="rounds (default: %(default)s)")
+    parser.add_argument("--rounds", type=whole("rounds"), default=5, metavar="N", help="rounds (default: %(default)s)")
     parser.add_argument(
         "--time",
-        type=seconds,
+        type=number("seconds", high=3600.0),
         default=0.4,
         metavar="S",
         help="time per measurement and round [s] (default: %(default)s)",
     )
     parser.add_argument(
         "--sizes",
-        type=whole(1),
+        type=whole("environments"),
         nargs="+",
         default=[1, 64, 1024],
         metavar="N",
         help="numbers of environments, 1 for the single environment (default: 1 64 1024)",
     )
     parser.add_argument(
-        "--fleet", type=whole(1), default=65536, metavar="N", help="simulations for the memory (default: %(default)s)"
+        "--fleet",
+        type=whole("environments"),
+        default=65536,
+        metavar="N",
+        help="simulations for the memory (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="seed (default: %(default)s)")
+    parser.add_argument("--seed", type=whole("seed"), default=0, metavar="S", help="seed (default: %(default)s)")
     other = parser.add_mutually_exclusive_group()
     other.add_argument("--render", action="store_true", help="measure pictures per second instead")
     other.add_argument(
@@ -355,9 +359,10 @@ def _table(data: dict[str, Any]) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; returns the exit status."""
-    folder = files.output_folder(args.out) if args.out else None
     if args.render:
         require("pygame")
+    folder = files.output_folder(args.out) if args.out else None
+    if args.render:
         data = measure_pictures(args)
         width, height = data["size"]
         print(f"{data['pictures_per_s']:.0f} pictures of {width}x{height} per second, steps included")

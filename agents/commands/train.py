@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.learning.plans import DEFAULT_ENV, Wish
+from uwoc_gym.agents.learning.seeds import RUNS, VALIDATION
 from uwoc_gym.agents.learning.settings import TRAINABLE
-from uwoc_gym.agents.options import add_scenario_arguments, whole
+from uwoc_gym.agents.options import add_scenario_arguments, number, whole
+from uwoc_gym.agents.reports import files
 from uwoc_gym.baselines.controllers import CONTROLLERS
 
 HELP = "train an agent with Stable-Baselines3 and keep its best model"
@@ -38,9 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", required=True, metavar="DIR", help="folder of the run: model.zip, results.json and all"
     )
     parser.add_argument("--resume", action="store_true", help="go on with the run in --out from its last checkpoint")
-    parser.add_argument("--seed", type=whole(0), metavar="S", help="the run's seed (default: 0)")
-    parser.add_argument("--steps", type=whole(1), metavar="N", help="steps in all (default: the settings' n_timesteps)")
-    parser.add_argument("--envs", type=whole(1), metavar="N", help="environments (default: the settings' n_envs)")
+    parser.add_argument("--seed", type=whole("seed", high=RUNS - 1), metavar="S", help="the run's seed (default: 0)")
+    parser.add_argument(
+        "--steps", type=whole("steps"), metavar="N", help="steps in all (default: the settings' n_timesteps)"
+    )
+    parser.add_argument(
+        "--envs", type=whole("environments"), metavar="N", help="environments (default: the settings' n_envs)"
+    )
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
         help="override a setting, such as policy_kwargs.net_arch=[64,64]",
@@ -51,13 +56,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CONTROLLER",
         help=f"correct a controller: {', '.join(CONTROLLERS)} or a .json file of gains",
     )
-    parser.add_argument("--scale", type=float, metavar="X", help="what an action of 1 adds, in (0, 2] (default: 0.5)")
-    parser.add_argument("--frame-stack", type=whole(1), metavar="N", help="observations in a row that the agent sees")
-    parser.add_argument("--eval-every", type=whole(1), metavar="N", help="steps (default: a twentieth of all)")
-    parser.add_argument("--eval-episodes", type=whole(2), metavar="N", help="episodes of an evaluation (default: 32)")
-    parser.add_argument("--checkpoint-every", type=whole(1), metavar="N", help="steps (default: as --eval-every)")
     parser.add_argument(
-        "--threads", type=whole(1), default=1, metavar="N", help="threads of PyTorch (default: %(default)s)"
+        "--scale", type=number("residual scale"), metavar="X", help="what an action of 1 adds, up to 2 (default: 0.5)"
+    )
+    parser.add_argument(
+        "--frame-stack", type=whole("frames in a row"), metavar="N", help="observations in a row that the agent sees"
+    )
+    parser.add_argument("--eval-every", type=whole("steps"), metavar="N", help="steps (default: a twentieth of all)")
+    parser.add_argument(
+        "--eval-episodes",
+        type=whole("seeds", low=2, high=len(VALIDATION)),
+        metavar="N",
+        help="episodes of an evaluation (default: 32)",
+    )
+    parser.add_argument("--checkpoint-every", type=whole("steps"), metavar="N", help="steps (default: as --eval-every)")
+    parser.add_argument(
+        "--threads", type=whole("threads"), default=1, metavar="N", help="threads of PyTorch (default: %(default)s)"
     )
 
 
@@ -67,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     from uwoc_gym.agents.learning import training
 
     wish = Wish(**{field.name: getattr(args, field.name) for field in fields(Wish)} | {"set": tuple(args.set)})
-    folder = Path(args.out)
+    folder = files.output_folder(args.out)
     already = training.finished(folder)
     try:
         made = training.train(wish, folder, args.command_line, args.resume, args.threads)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import tuning
 from uwoc_gym.agents.learning.plans import Wish, planned
 from uwoc_gym.agents.learning.search import Dimension, Found, search
@@ -17,6 +18,7 @@ from uwoc_gym.agents.options import add_scenario_arguments, add_search_arguments
 from uwoc_gym.agents.reports import files
 from uwoc_gym.agents.scenarios import said
 from uwoc_gym.baselines import gains
+from uwoc_gym.baselines.controllers import CONTROLLERS
 
 HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
 EXAMPLES = """\
@@ -34,18 +36,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scenario_arguments(parser, None, "what it is tuned on, by default Random: ")
     parser.add_argument("--env", metavar="ID", help="an environment of another package that a learner is tuned on")
     parser.add_argument(
-        "--trials", type=whole(1), metavar="N", help="points to try in all (default: 2000; learners 30)"
+        "--trials", type=whole("trials"), metavar="N", help="points to try in all (default: 2000; learners 30)"
     )
     parser.add_argument(
-        "--batch", type=whole(1), default=16, metavar="N", help="gain sets to fly at a time (default: %(default)s)"
+        "--batch",
+        type=whole("episodes at a time"),
+        default=16,
+        metavar="N",
+        help="gain sets to fly at a time (default: %(default)s)",
     )
     parser.add_argument(
-        "--episodes", type=whole(1), default=64, metavar="N",
+        "--episodes", type=whole("episodes at a time"), default=64, metavar="N",
         help="training seeds that every gain set is flown on (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--steps",
-        type=whole(1),
+        type=whole("steps"),
         default=1_000_000,
         metavar="N",
         help="steps of a learner's trial (default: %(default)s)",
@@ -66,7 +72,8 @@ def run(args: argparse.Namespace) -> int:
 def _gains(args: argparse.Namespace) -> Found:
     if args.env is not None:
         raise CommandError(f"--env is not allowed for {args.target}, a controller; give --scenario.")
-    name, _, _, scenario = said(args.scenario or "Random", args.override)
+    name, _, _, scenario = said("Random" if args.scenario is None else args.scenario, args.override)
+    check_flights([CONTROLLERS[args.target]], {name: scenario}, args.batch * args.episodes)
     folder = files.output_folder(args.out)
     box = tuning.GAIN_BOXES[args.target]
     problem = {

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from uwoc_gym.agents.errors import CommandError, require
-from uwoc_gym.agents.options import above_zero, add_episode_arguments, episode_of, frame_size
+from uwoc_gym.agents.flight import check_flights
+from uwoc_gym.agents.options import add_episode_arguments, episode_of, frame_size, number
 from uwoc_gym.spaces import FRAME
 
 HELP = "watch policies on the same episode, live, side by side"
@@ -27,7 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     add_episode_arguments(parser, ["pd", "nlpd"])
     parser.add_argument(
-        "--speed", type=above_zero, default=1.0, metavar="X", help="times real time (default: %(default)g)"
+        "--speed",
+        type=number("times real time"),
+        default=1.0,
+        metavar="X",
+        help="times real time (default: %(default)g)",
     )
     parser.add_argument(
         "--size", type=frame_size, default=FRAME, metavar="WxH", help="size of the window [px] (default: 1280x720)"
@@ -40,8 +45,10 @@ def run(args: argparse.Namespace) -> int:
     from uwoc_gym.agents.viewing.player import Player
     from uwoc_gym.rendering import NoDisplayError
 
+    wanted = episode_of(args)
+    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1)
     try:
-        player = Player(episode_of(args), args.size, args.speed)
+        player = Player(wanted, args.size, args.speed)
     except NoDisplayError as error:
         raise CommandError(f"{error} At the command line, `uwoc-gym record` writes a video instead.") from None
     try:

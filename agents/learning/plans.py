@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,10 @@ from uwoc_gym.agents.learning import settings
 from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.reports.files import read_json
 from uwoc_gym.agents.scenarios import Said, json_object, said
 from uwoc_gym.baselines import GAINS, Gains, gains
-from uwoc_gym.parameters import SettingError, closest
+from uwoc_gym.given import LIMITS, SettingError, closest, shown
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
 
@@ -97,7 +98,8 @@ class Plan:
         if self.task is None:
             return None
         practice = self.task
-        for changes in (self.values["env_kwargs"].get("scenario") or {}, *self.overrides):
+        own = self.values["env_kwargs"].get("scenario")
+        for changes in ({} if own is None else own, *self.overrides):
             practice = practice.merged(changes)
         return practice
 
@@ -128,16 +130,44 @@ def recorded_plan(path: Path) -> dict[str, Any]:
     Raises:
         CommandError: The file doesn't describe a run.
     """
-    try:
-        found = dict(json.loads(path.read_text(encoding="utf-8")))
-        found["settings"], found["algorithm"]
-        found.setdefault("name", found["env"])
-        # Runs of earlier versions hold one mapping.
-        if isinstance(found["overrides"], dict):
-            found["overrides"] = [found["overrides"]] if found["overrides"] else []
-    except (ValueError, KeyError, TypeError):
-        raise CommandError(f"{path} doesn't describe a run.") from None
+    data = read_json(path)
+    found: dict[str, Any] = dict(data) if isinstance(data, dict) else {}
+    # Runs of earlier versions hold one mapping, and no name.
+    if isinstance(found.get("overrides"), dict):
+        found["overrides"] = [found["overrides"]] if found["overrides"] else []
+    found.setdefault("name", found.get("env"))
+    for key, allowed, fits in _RECORDED:
+        if not fits(found.get(key)) and (key in found or key not in _MAY_LACK):
+            raise CommandError(
+                f"{path} doesn't describe a run: {key} = {shown(found.get(key))} is not allowed; it must be {allowed}."
+            )
     return found
+
+
+def _is_count(limit: str) -> Callable[[Any], bool]:
+    bounds = LIMITS[limit]
+    return lambda value: type(value) is int and bounds.low <= value <= bounds.high
+
+
+_RECORDED: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
+    ("algorithm", f"one of {', '.join(TRAINABLE)}", lambda value: isinstance(value, str) and value in TRAINABLE),
+    ("env", "the ID of an environment", lambda value: isinstance(value, str)),
+    ("name", "a text", lambda value: isinstance(value, str)),
+    ("settings", "a mapping of settings", lambda value: isinstance(value, dict)),
+    (
+        "overrides",
+        "a list of mappings of settings",
+        lambda value: isinstance(value, list) and all(isinstance(each, dict) for each in value),
+    ),
+    ("scenario", "null or a mapping of settings", lambda value: value is None or isinstance(value, dict)),
+    ("seed", "a whole number", _is_count("seed")),
+    ("eval_every", LIMITS["steps"].allowed, _is_count("steps")),
+    ("eval_episodes", LIMITS["seeds"].allowed, _is_count("seeds")),
+    ("checkpoint_every", LIMITS["steps"].allowed, _is_count("steps")),
+)
+"""What a ``run.json`` holds, in words and as a check."""
+
+_MAY_LACK = ("seed", "eval_every", "eval_episodes", "checkpoint_every")
 
 
 def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
@@ -151,14 +181,14 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         CommandError: Something isn't allowed, or what it needs isn't installed.
     """
     known = recorded or {}
-    algorithm = wish.algorithm or known.get("algorithm", "ppo")
+    algorithm = known.get("algorithm", "ppo") if wish.algorithm is None else wish.algorithm
     if algorithm not in TRAINABLE:
-        raise CommandError(f"--algorithm {algorithm!r} is not allowed; {closest(algorithm, TRAINABLE)}")
+        raise CommandError(f"--algorithm {shown(algorithm)} is not allowed; {closest(algorithm, TRAINABLE)}")
     require(ALGORITHMS[algorithm].module)
     seed = wish.seed if wish.seed is not None else known.get("seed", 0)
     training_seed(seed)
     env_id, name, base, overrides = _environment(wish, known)
-    own_file = Path(wish.settings) if wish.settings else None
+    own_file = None if wish.settings is None else Path(wish.settings)
     if recorded is not None and own_file is None and recorded["algorithm"] == algorithm and recorded["env"] == env_id:
         values = settings.checked(algorithm, recorded["settings"], "run.json")
     else:
@@ -184,10 +214,8 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         eval_episodes=episodes,
         checkpoint_every=wish.checkpoint_every or known.get("checkpoint_every", every),
     )
-    try:
+    with naming("env_kwargs.scenario is not allowed"):
         _ = plan.practice
-    except SettingError as error:
-        raise CommandError(f"env_kwargs.scenario is not allowed: {error}") from None
     return plan
 
 
@@ -226,7 +254,7 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> tuple[str, str, Scenar
         # A file that says everything is no named scenario's: the settings' default entry holds for it.
         env_id = next(each for each, name in ENV_IDS.items() if name == (found.base or "Nominal"))
         return env_id, _called(found, env_id), found.scenario, found.changes
-    env_id = wish.env or known.get("env", DEFAULT_ENV)
+    env_id = known.get("env", DEFAULT_ENV) if wish.env is None else wish.env
     base = base_scenario(env_id)
     if wish.override is None:
         return env_id, env_id, base, ()
@@ -234,14 +262,12 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> tuple[str, str, Scenar
         raise CommandError(f"--override is not allowed for {env_id!r}, which isn't one of this package's.")
     with naming("--override"):
         changes = json_object(wish.override)
-        try:
-            return env_id, env_id, base.merged(changes), (changes,) if changes else ()
-        except SettingError as error:
-            raise CommandError(str(error)) from None
+        return env_id, env_id, base.merged(changes), (changes,) if changes else ()
 
 
 def _recorded_task(recorded: Mapping[str, Any]) -> Scenario | None:
-    return None if recorded.get("scenario") is None else Scenario.from_dict(recorded["scenario"])
+    with naming("run.json"):
+        return None if recorded.get("scenario") is None else Scenario.from_dict(recorded["scenario"])
 
 
 def _called(found: Said, env_id: str) -> str:
@@ -271,12 +297,10 @@ def _gains(given: Any) -> Gains | None:
     if given is None:
         return None
     try:
-        return Gains(**given) if isinstance(given, dict) else gains(given)
+        return Gains.from_dict(given) if isinstance(given, dict) else gains(given)
     except SettingError as error:
-        hint = closest(given, list(GAINS)) if isinstance(given, str) else str(error)
-        raise CommandError(f"residual = {given!r} is not allowed; {hint}") from None
-    except TypeError as error:
-        raise CommandError(f"residual = {given!r} is not allowed: {error}") from None
+        hint = closest(given, GAINS) if isinstance(given, str) else str(error)
+        raise CommandError(f"residual = {shown(given)} is not allowed; {hint}") from None
 
 
 def _task(base: Scenario | None, values: Mapping[str, Any]) -> Scenario | None:
@@ -286,8 +310,8 @@ def _task(base: Scenario | None, values: Mapping[str, Any]) -> Scenario | None:
     given = {key: value for key, value in values["env_kwargs"].items() if key != "scenario"}
     for key in given:
         if key not in PERIODS:
-            raise CommandError(f"env_kwargs has {key!r}, which is not known; {closest(key, ['scenario', *PERIODS])}")
-    try:
+            raise CommandError(
+                f"env_kwargs has {shown(key)}, which is not known; {closest(key, ['scenario', *PERIODS])}"
+            )
+    with naming("env_kwargs"):
         return base.merged({"episode": given})
-    except SettingError as error:
-        raise CommandError(f"env_kwargs: {error}") from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import sys
 import time
@@ -16,10 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints
-from uwoc_gym.agents.learning.plans import Job, Wish, planned, recorded_plan
+from uwoc_gym.agents.learning.plans import Job, Plan, Wish, planned, recorded_plan
 from uwoc_gym.agents.policies import saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import load
@@ -28,6 +27,9 @@ from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
+
+BATCH = 200
+"""Episodes flown at a time."""
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,12 @@ def train_all(jobs: Sequence[Job], at_a_time: int) -> None:
     """Train what isn't finished, each in a process of its own; what was stopped goes on where it stood.
 
     Raises:
-        CommandError: A training failed, or a folder holds one with other settings; no more are begun then.
+        CommandError: A training failed; no more are begun then.
     """
     from tqdm import tqdm
 
     from uwoc_gym.agents.learning.training import finished
 
-    for job in jobs:
-        _check_same(job)
     missing = [job for job in jobs if not finished(job.folder)]
     with (
         ThreadPoolExecutor(at_a_time) as pool,
@@ -92,13 +92,34 @@ def train_all(jobs: Sequence[Job], at_a_time: int) -> None:
             bar.update()
 
 
-def _check_same(job: Job) -> None:
+def check(groups: Mapping[str, Sequence[Job]], scenarios: Mapping[str, Scenario]) -> None:
+    """Refuse, before anything is trained, what can't be trained or flown in the end.
+
+    Raises:
+        CommandError: A training isn't allowed, a folder holds one with other settings, or agents are asked to fly what
+            they can't.
+    """
+    for group, jobs in groups.items():
+        for job in jobs:
+            with naming(f"--groups {group}"):
+                plan = planned(job.wish)
+            _check_same(job, plan)
+            for name, scenario in scenarios.items():
+                task = plan.task
+                if task is None or (task.observation, task.action) != (scenario.observation, scenario.action):
+                    raise CommandError(
+                        f"--scenario {name} is not allowed for {group}; it must have the observations and actions of "
+                        f"{plan.name}, which its agents are trained in."
+                    )
+
+
+def _check_same(job: Job, plan: Plan) -> None:
     """Refuse a run that was begun with other settings than it would be now."""
     path = job.folder / "run.json"
     if not path.is_file():
         return
     recorded = recorded_plan(path)
-    for key, value in planned(job.wish).to_dict().items():
+    for key, value in plan.to_dict().items():
         if recorded.get(key) != value:
             raise CommandError(
                 f"--runs: {job.folder} was begun with other {key} than this protocol's; move it away or give another "
@@ -164,7 +185,7 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
     """
 
     def validation(path: Path) -> float:
-        return float(json.loads((path / "results.json").read_text(encoding="utf-8"))["best"]["return"]["mean"])
+        return float(files.read_json(path / "results.json")["best"]["return"]["mean"])
 
     best = max(own, key=validation)
     target.mkdir(parents=True, exist_ok=True)
@@ -235,7 +256,7 @@ def _one_thread() -> None:
 def _rows(member: str, scenario: Scenario, seeds: Sequence[int]) -> list[dict[str, float]]:
     """The measures of one policy's episodes."""
     policy = load(member)
-    return [row for batch in batches(seeds, 200) for row in fly(policy, scenario, batch).metrics.rows()]
+    return [row for batch in batches(seeds, BATCH) for row in fly(policy, scenario, batch).metrics.rows()]
 
 
 def decision_time(policy: Policy, calls: int = 300) -> float:

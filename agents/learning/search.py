@@ -94,9 +94,12 @@ def search(
         for name, each in dimensions.items()
     }
     described = json.loads(json.dumps({**problem, "space": {name: list(each) for name, each in dimensions.items()}}))
+    disk: Any = None
     with _storage_errors(folder):
-        disk = _open(folder, described, direction, resume)
-        done = [trial for trial in disk.trials if trial.state.is_finished()]
+        # A new one is only made with the first batch, so that a refusal leaves nothing.
+        if resume or (folder / DATABASE).exists():
+            disk = _open(folder, described, direction, resume)
+        done = [trial for trial in disk.trials if trial.state.is_finished()] if disk is not None else []
         # A session samples in memory, since SQLite takes longer for a trial than the simulator does.
         draws = seed + len(done)
         study = optuna.create_study(direction=direction, sampler=_sampler(sampler, draws, batch))
@@ -114,6 +117,9 @@ def search(
                         trial.set_user_attr(name, value)
                     study.tell(trial, score)
                 with _storage_errors(folder):
+                    if disk is None:
+                        folder.mkdir(parents=True, exist_ok=True)
+                        disk = _open(folder, described, direction, resume)
                     disk.add_trials(study.trials[-len(asked) :])
                     _write_trials(folder / TRIALS, study.trials)
                 bar.update(len(asked))

@@ -11,12 +11,25 @@ import inspect
 import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
-from uwoc_gym.parameters import closest
+from uwoc_gym.given import (
+    DEEPEST,
+    LIMITS,
+    Limit,
+    SettingError,
+    as_number,
+    as_whole,
+    check_plain,
+    closest,
+    read_text,
+    scalar,
+    shown,
+)
 
 FOLDER = Path(__file__).parents[1] / "settings"
 FALLBACK = "default"
@@ -53,7 +66,18 @@ _NOT_SETTINGS = {
 }  # fmt: skip
 _SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
 _SHARES = ("gamma", "gae_lambda", "tau")
-_COUNTS = ("n_steps", "batch_size", "n_epochs", "buffer_size", "stats_window_size", "policy_delay")
+_COUNTS = {
+    "n_envs": "environments", "n_timesteps": "steps", "frame_stack": "frames in a row", "n_steps": "transitions",
+    "batch_size": "transitions", "n_epochs": "rounds", "buffer_size": "transitions", "stats_window_size": "transitions",
+    "policy_delay": "steps", "train_freq": "transitions",
+}  # fmt: skip
+"""What counts something, and the name of its bounds in `LIMITS`."""
+_LONGEST_YAML = 2**20
+"""Bytes of a settings file."""
+_LONGEST_TEXT = 10_000
+"""Characters of a text such as dict(net_arch=[64, 64])."""
+_MOST_ALIASES, _MOST_MERGED = 200, 2000
+"""How often YAML may say something again, and how many entries a mapping may take over from others."""
 _NOISES = ("normal", "ornstein-uhlenbeck")
 
 
@@ -76,26 +100,65 @@ def resolve(
     bare = env_id.rpartition(":")[2]
     key = next((key for key in (env_id, bare, FALLBACK) if key in entries), None)
     if key is None:
-        raise CommandError(f"{source} has no entry for {bare!r}; {closest(bare, [str(key) for key in entries])}")
+        raise CommandError(f"{source} has no entry for {shown(bare)}; {closest(bare, map(str, entries))}")
     given = entries[key]
     if not isinstance(given, Mapping):
-        raise CommandError(f"{source}: {key} = {given!r} is not allowed; it must be a mapping of settings.")
-    values = checked(algorithm, OWN | dict(given), str(source))
+        raise CommandError(f"{source}: {key} = {shown(given)} is not allowed; it must be a mapping of settings.")
+    values = checked(algorithm, given, str(source))
     return (assigned(algorithm, values, assignments) if assignments else values), source
 
 
 def _read(path: Path) -> dict[Any, Any]:
+    try:
+        found = _from_yaml(read_text(path, _LONGEST_YAML), str(path))
+    except SettingError as error:
+        raise CommandError(f"settings {error}") from None
+    if not isinstance(found, dict):
+        raise CommandError(
+            f"settings {path} = {shown(found)} is not allowed; it must be a mapping from environment IDs to settings."
+        )
+    return found
+
+
+def _from_yaml(text: str, name: str | None = None) -> Any:
+    """What a YAML text says; an error calls it by the name, or shows it.
+
+    Raises:
+        SettingError: It isn't valid, or nested or grown beyond bounds.
+    """
     import yaml
 
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CommandError(f"settings {path} can't be read: {error.strerror}.") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise CommandError(f"settings {path} aren't valid YAML: {error}") from None
-    if not isinstance(found, dict):
-        raise CommandError(f"settings {path} must be a mapping from environment IDs to settings.")
+        found = yaml.load(text, _loader())
+        check_plain(found)
+    except RecursionError:
+        raise SettingError(f"{name or shown(text)} isn't valid YAML: it is nested too deeply.") from None
+    except (yaml.YAMLError, SettingError, ValueError, TypeError, OverflowError) as error:
+        # A key that can't be one is a TypeError, a date or a number that can't be one a ValueError.
+        raise SettingError(f"{name or shown(text)} isn't valid YAML: {error}") from None
     return found
+
+
+@cache
+def _loader() -> Any:
+    """The class that reads YAML without running it, and gives up where it says the same too often."""
+    import yaml
+
+    class Bounded(yaml.SafeLoader):  # type: ignore[misc]
+        aliases = 0
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            self.aliases += self.check_event(yaml.AliasEvent)
+            if self.aliases > _MOST_ALIASES:
+                raise SettingError(f"it says something again more than {_MOST_ALIASES} times.")
+            return super().compose_node(parent, index)
+
+        def flatten_mapping(self, node: Any) -> None:
+            super().flatten_mapping(node)
+            if len(node.value) > _MOST_MERGED:
+                raise SettingError(f"a mapping has more than {_MOST_MERGED} entries.")
+
+    return Bounded
 
 
 def assigned(algorithm: str, values: Mapping[str, Any], assignments: Sequence[str]) -> dict[str, Any]:
@@ -104,14 +167,14 @@ def assigned(algorithm: str, values: Mapping[str, Any], assignments: Sequence[st
     Raises:
         CommandError: An override isn't of the form key=value, or the setting is unknown or not allowed.
     """
-    import yaml
-
     result = deepcopy(dict(values))
     for text in assignments:
         path, equals, value = text.partition("=")
         *parents, last = path.strip().split(".")
         if not equals or not last:
-            raise CommandError(f"--set {text!r} is not allowed; it must be key=value.")
+            raise CommandError(f"--set {shown(text)} is not allowed; it must be key=value.")
+        if len(parents) > DEEPEST:
+            raise CommandError(f"--set {shown(text)} is not allowed; it must name at most {DEEPEST} levels.")
         level = result
         for parent in parents:
             inner = level[parent] = _plain(level.get(parent, {}))
@@ -120,9 +183,9 @@ def assigned(algorithm: str, values: Mapping[str, Any], assignments: Sequence[st
                 inner = level[parent] = {}
             level = inner
         try:
-            level[last] = yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise CommandError(f"--set {text!r} is not allowed; the value must be valid YAML.") from None
+            level[last] = _from_yaml(value)
+        except SettingError as error:
+            raise CommandError(f"--set {shown(text)} is not allowed; the value must be valid YAML: {error}") from None
     return checked(algorithm, result, "--set")
 
 
@@ -133,26 +196,31 @@ def _parameters(algorithm: str) -> dict[str, Any]:
 
 
 def checked(algorithm: str, values: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The settings as plain data with every value checked.
+    """The settings as plain data with every value checked; those of `OWN` that are left out have their defaults.
 
     Raises:
         CommandError: A setting is unknown (the nearest valid name is given) or not allowed.
     """
+    try:
+        check_plain(values)
+    except SettingError as error:
+        raise CommandError(f"{where}: the settings = {shown(values)} are not allowed: {error}") from None
+    values = OWN | dict(values)
     defaults = _parameters(algorithm)
     known = [*OWN, *defaults]
     result: dict[str, Any] = {}
     for key, given in values.items():
         if key not in known:
-            raise CommandError(f"{where}: {algorithm} has no setting {key!r}; {closest(str(key), known)}")
+            raise CommandError(f"{where}: {algorithm} has no setting {shown(key)}; {closest(key, known)}")
         value = _plain(given)
         try:
             result[key] = _own(key, value) if key in OWN else _of_algorithm(key, value, defaults[key])
         except _NotAllowedError as error:
-            raise CommandError(f"{where}: {key} = {given!r} is not allowed; it must be {error}.") from None
+            raise CommandError(f"{where}: {key} = {shown(given)} is not allowed; it must be {error}.") from None
     names = _policy_names(algorithm, result["policy"], where)
     for key in result.get("policy_kwargs") or {}:
         if key not in names:
-            raise CommandError(f"{where}: policy_kwargs has no setting {key!r}; {closest(str(key), names)}")
+            raise CommandError(f"{where}: policy_kwargs has no setting {shown(key)}; {closest(key, names)}")
     _check_together(algorithm, result, where)
     return result
 
@@ -160,10 +228,26 @@ def checked(algorithm: str, values: Mapping[str, Any], where: str) -> dict[str, 
 def _check_together(algorithm: str, values: Mapping[str, Any], where: str) -> None:
     """Refuse settings that only fail beside others."""
     layers = (values.get("policy_kwargs") or {}).get("net_arch", [])
-    sizes = [size for part in layers.values() for size in part] if isinstance(layers, dict) else layers
-    if not isinstance(sizes, (list, tuple)) or not all(isinstance(size, int) and size > 0 for size in sizes):
+    widest, most = int(LIMITS["width of a layer"].high), int(LIMITS["layers"].high)
+    for part in layers.values() if isinstance(layers, dict) else (layers,):
+        widths = [as_whole(size) for size in part] if isinstance(part, (list, tuple)) and len(part) <= most else [None]
+        if not all(width is not None and 0 < width <= widest for width in widths):
+            raise CommandError(
+                f"{where}: policy_kwargs.net_arch = {shown(layers)} is not allowed; it must be at most {most} widths "
+                f"from 1 to {widest}, such as [64, 64]."
+            )
+    for key, value in (values.get("policy_kwargs") or {}).items():
+        number = as_number(value)
+        if number is not None and not abs(number) <= widest:
+            raise CommandError(
+                f"{where}: policy_kwargs.{key} = {shown(value)} is not allowed; it must be from {-widest} to {widest}."
+            )
+    most = int(LIMITS["transitions"].high)
+    rollout = values.get("n_steps", 1) * values.get("n_envs", 1)
+    if rollout > most:
         raise CommandError(
-            f"{where}: policy_kwargs.net_arch = {layers!r} is not allowed; it must be widths such as [64, 64]."
+            f"{where}: n_steps = {values.get('n_steps', 1)} with n_envs = {values.get('n_envs', 1)} is not allowed; "
+            f"their product must be at most {most:_}."
         )
     if not ALGORITHMS[algorithm].off_policy:
         return
@@ -187,11 +271,11 @@ class _NotAllowedError(Exception):
 def _own(key: str, value: Any) -> Any:
     match key:
         case "n_envs" | "n_timesteps" | "frame_stack":
-            return _whole(value, 1)
+            return _count(key, value)
         case "normalize":
             return _normalize(value)
         case "noise_type":
-            if value not in (None, *_NOISES):
+            if value is not None and not (isinstance(value, str) and value in _NOISES):
                 raise _NotAllowedError(f"null or one of {', '.join(_NOISES)}")
         case "noise_std":
             return _number(value, 0.0, math.inf)
@@ -216,7 +300,7 @@ def _own(key: str, value: Any) -> Any:
 def _normalize(value: Any) -> Any:
     if isinstance(value, bool):
         return value
-    if not isinstance(value, dict) or not set(value) <= set(NORMALIZE):
+    if not isinstance(value, dict) or not value.keys() <= set(NORMALIZE):
         raise _NotAllowedError(f"true, false or a mapping with {', '.join(NORMALIZE)}")
     for key, each in value.items():
         if key.startswith("norm_"):
@@ -242,13 +326,13 @@ def _of_algorithm(key: str, value: Any, default: Any) -> Any:
     if key == "train_freq" and isinstance(value, (list, tuple)):
         if len(value) != 2 or value[1] not in ("step", "episode"):
             raise _NotAllowedError("a whole number or [number, 'step' or 'episode']")
-        return [_whole(value[0], 1), value[1]]
+        return [_count(key, value[0]), value[1]]
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise _NotAllowedError("true or false")
         return value
     if isinstance(default, int):
-        return _whole(value, 1 if key in _COUNTS else -1)
+        return _count(key, value) if key in _COUNTS else _whole(value, -1, 10**9)
     if isinstance(default, float):
         return _number(value, -math.inf, math.inf)
     if key.endswith("_kwargs") and not isinstance(value, dict):
@@ -256,17 +340,23 @@ def _of_algorithm(key: str, value: Any, default: Any) -> Any:
     return value
 
 
-def _whole(value: Any, low: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1 or value < low:
-        raise _NotAllowedError(f"a whole number of at least {low}")
-    return int(value)
+def _count(key: str, value: Any) -> int:
+    bounds = LIMITS[_COUNTS[key]]
+    return _whole(value, max(bounds.low, 1), bounds.high)
+
+
+def _whole(value: Any, low: float, high: float) -> int:
+    number = as_whole(value)
+    if number is None or not low <= number <= high:
+        raise _NotAllowedError(Limit(low, high).allowed)
+    return number
 
 
 def _number(value: Any, low: float, high: float, allowed: str = "") -> float:
-    good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    if not good or not low <= value <= high:
+    number = as_number(value)
+    if number is None or not math.isfinite(number) or not low <= number <= high:
         raise _NotAllowedError(allowed or f"a number in [{low:g}, {high:g}]")
-    return float(value)
+    return number
 
 
 def _plain(value: Any) -> Any:
@@ -276,7 +366,10 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
     if not isinstance(value, str):
-        return value
+        plain = scalar(value)
+        if plain is None or isinstance(plain, (bool, int, float)):
+            return plain
+        raise CommandError(f"{shown(value)} is not allowed; it must be a number, a text, true, false, null or these.")
     try:
         number = float(value)
     except ValueError:
@@ -285,9 +378,17 @@ def _plain(value: Any) -> Any:
         return number if math.isfinite(number) else value
     if value.strip().startswith(("dict(", "{")):
         try:
-            return _plain(_evaluated(ast.parse(value.strip(), mode="eval").body))
-        except (SyntaxError, ValueError):
-            raise CommandError(f"{value!r} is not allowed; only dict(...) of numbers, texts and lists is.") from None
+            if len(value) > _LONGEST_TEXT:
+                raise ValueError
+            found = _evaluated(ast.parse(value.strip(), mode="eval").body)
+            check_plain(found)
+            return _plain(found)
+        # Python's parser gives up on deep nesting in one of these ways.
+        except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError):
+            raise CommandError(
+                f"{shown(value)} is not allowed; it must be dict(...) of numbers, texts and lists, at most {DEEPEST} "
+                f"levels deep."
+            ) from None
     return value
 
 
@@ -309,7 +410,7 @@ def _evaluated(node: ast.expr) -> Any:
 def _policy_class(algorithm: str, name: str, where: str) -> Any:
     aliases = ALGORITHMS[algorithm].load().policy_aliases
     if name not in aliases:
-        raise CommandError(f"{where}: policy = {name!r} is not allowed; {closest(name, list(aliases))}")
+        raise CommandError(f"{where}: policy = {shown(name)} is not allowed; {closest(name, aliases)}")
     return aliases[name]
 
 
@@ -360,7 +461,7 @@ def _torch(key: str, value: Any) -> Any:
     name = value.removeprefix("nn.").removeprefix("optim.")
     found = getattr(nn if key == "activation_fn" else optim, name, None)
     if not inspect.isclass(found):
-        raise CommandError(f"policy_kwargs.{key} = {value!r} is not allowed; it must be a class such as nn.ReLU.")
+        raise CommandError(f"policy_kwargs.{key} = {shown(value)} is not allowed; it must be a class such as nn.ReLU.")
     return found
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -24,6 +22,7 @@ from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import checkpoints, environments
 from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
+from uwoc_gym.agents.learning.progress import Progress, read_progress
 from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import constructor_arguments, written
 from uwoc_gym.agents.policies import saved
@@ -46,8 +45,8 @@ def begun(folder: Path) -> bool:
 def finished(folder: Path) -> bool:
     """Whether the run in a folder has come to its end."""
     try:
-        return bool(json.loads((folder / "results.json").read_text(encoding="utf-8"))["finished"])
-    except (OSError, ValueError, KeyError):
+        return bool(files.read_json(folder / "results.json")["finished"])
+    except (CommandError, KeyError, TypeError):
         return False
 
 
@@ -91,27 +90,6 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
     return run
 
 
-@dataclass
-class Progress:
-    """How far a run has come; part of every checkpoint."""
-
-    steps: int = 0
-    seconds: float = 0.0
-    """Wall time so far [s]."""
-    learning_seconds: float = 0.0
-    """The same without evaluations and checkpoints [s]."""
-    seeds_used: int = 0
-    """Training seeds in use, counted over the times the run was resumed."""
-    evaluations: list[dict[str, Any]] = field(default_factory=list)
-    best_steps: int | None = None
-    finished: bool = False
-
-    @property
-    def best(self) -> dict[str, Any] | None:
-        """The evaluation of the best model."""
-        return next((each for each in self.evaluations if each["steps"] == self.best_steps), None)
-
-
 class Interruption(Exception):
     """The run was asked to stop, and has written a checkpoint."""
 
@@ -141,7 +119,7 @@ class Run:
         self.progress = Progress()
         self.kind = ALGORITHMS[plan.algorithm]
         if resume is not None:
-            self.progress = Progress(**json.loads((resume / "progress.json").read_text(encoding="utf-8")))
+            self.progress = read_progress(resume / "progress.json")
         self.baselines: dict[str, dict[str, Any]] = {}
         values = plan.values
         first = training_seed(plan.seed, self.progress.seeds_used)

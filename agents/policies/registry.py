@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from uwoc_gym.agents.policies import saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.baselines.policy import Policy, Predictor
-from uwoc_gym.parameters import closest
+from uwoc_gym.given import closest, shown
 from uwoc_gym.scenario import Scenario
 
 TRAINED = Path(__file__).parents[1] / "trained"
@@ -52,12 +53,12 @@ def load(name: str) -> Policy:
     if name in POLICIES:
         return POLICIES[name]
     path = Path(name)
-    if path.suffix == ".zip" or path.exists():
+    if path.suffix == ".zip" or os.path.exists(name):
         return saved.load(path)
     if ":" in name:
         return _callable(name)
     raise CommandError(
-        f"there is no policy {name!r}; {closest(name, list(POLICIES))} A policy may also be the path of a saved "
+        f"there is no policy {shown(name)}; {closest(name, POLICIES)} A policy may also be the path of a saved "
         ".zip file or module:callable."
     )
 

@@ -5,7 +5,6 @@ applied = clip(controller(observation) + scale · action, −1, 1)
 
 from __future__ import annotations
 
-import math
 from typing import Any, cast
 
 import gymnasium as gym
@@ -13,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.baselines import Controller
-from uwoc_gym.parameters import SettingError
+from uwoc_gym.given import SettingError, as_number, shown
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import action_space
 
@@ -41,10 +40,10 @@ def checked_scale(scale: Any) -> float:
     Raises:
         SettingError: It isn't a number in (0, 2].
     """
-    number = isinstance(scale, (int, float, np.integer, np.floating)) and not isinstance(scale, bool)
-    if not number or not math.isfinite(scale) or not 0.0 < scale <= 2.0:
-        raise SettingError(f"scale = {scale!r} is not allowed; it must be a number in (0, 2].")
-    return float(scale)
+    number = as_number(scale)
+    if number is None or not 0.0 < number <= 2.0:
+        raise SettingError(f"scale = {shown(scale)} is not allowed; it must be a number in (0, 2].")
+    return number
 
 
 def check_actions(shape: tuple[int, ...] | None) -> None:

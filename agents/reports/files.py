@@ -13,17 +13,18 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
 
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.given import SettingError, from_json, read_text
 from uwoc_gym.scenario import Scenario
 
 
 def output_file(given: str, suffixes: tuple[str, ...], force: bool) -> Path:
-    """A file that may be written to, whose folder then exists.
+    """A file that may be written to.
 
     Raises:
         CommandError: It has another suffix, exists without ``force``, or can't be written to.
@@ -36,9 +37,7 @@ def output_file(given: str, suffixes: tuple[str, ...], force: bool) -> Path:
     if path.exists() and not force:
         raise CommandError(f"--out {given} already exists; give --force to overwrite it.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
+        _try_out(path.parent)
         if path.exists() and not os.access(path, os.W_OK):
             raise PermissionError(None, "it is read-only")
     except OSError as error:
@@ -48,10 +47,31 @@ def output_file(given: str, suffixes: tuple[str, ...], force: bool) -> Path:
     return path
 
 
+def _try_out(folder: Path) -> None:
+    """Write to a folder that may not be there yet, and leave nothing of it.
+
+    Raises:
+        OSError: It can't be written to.
+    """
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    finally:
+        for each in missing:
+            with suppress(OSError):
+                each.rmdir()
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A path to write to, which becomes ``path`` where the block ends without an error; else nothing is left of it."""
+    """A path to write to, which becomes ``path`` where the block ends without an error; else nothing is left of it.
+
+    The folder is made if it isn't there.
+    """
     part = path.with_name(f".{path.name}.part")
+    path.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield part
         os.replace(part, path)
@@ -59,21 +79,31 @@ def whole(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def output_folder(path: str | Path) -> Path:
-    """Create a folder for results and make sure that files can be written to it.
+def output_folder(path: str | Path, option: str = "--out") -> Path:
+    """A folder to which files can be written; it is only made with the first file, so that a refusal leaves nothing.
 
     Raises:
         CommandError: They can't.
     """
     folder = Path(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or error
-        raise CommandError(f"--out {folder}: {reason}; it must be a folder that can be written to.") from None
+        _try_out(folder)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise CommandError(f"{option} {folder}: {reason}; it must be a folder that can be written to.") from None
     return folder
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file says.
+
+    Raises:
+        CommandError: It can't be read, isn't JSON, or is long or nested beyond bounds.
+    """
+    try:
+        return from_json(read_text(path), str(path))
+    except SettingError as error:
+        raise CommandError(str(error)) from None
 
 
 def write_text(path: Path, text: str) -> None:
@@ -143,7 +173,10 @@ def write_results(
 
 
 class EpisodesFile:
-    """A CSV file with one row per episode, which keeps what has been appended whatever happens next."""
+    """A CSV file with one row per episode, which keeps what has been appended whatever happens next.
+
+    It is there from the first episode on.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -151,8 +184,6 @@ class EpisodesFile:
         self._writer: Any = None
 
     def __enter__(self) -> Self:
-        self._file = self._path.open("w", newline="", encoding="utf-8")
-        self._writer = csv.writer(self._file)
         return self
 
     def __exit__(
@@ -163,8 +194,12 @@ class EpisodesFile:
 
     def append(self, scenario: str, policy: str, seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
         """Add finished episodes."""
-        assert self._file is not None
-        if self._file.tell() == 0 and rows:
+        if not rows:
+            return
+        if self._file is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self._path.open("w", newline="", encoding="utf-8")
+            self._writer = csv.writer(self._file)
             self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
         for seed, row in zip(seeds, rows, strict=True):
             self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])

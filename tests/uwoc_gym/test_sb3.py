@@ -60,6 +60,24 @@ def test_methods_that_stable_baselines3_calls():
     env.close()
 
 
+def test_options_are_for_the_next_reset_alone():
+    env = TrackingVecEnv("uwoc/Random-v0", 2, seed=3)
+    twin = uwoc_gym.TrackingVectorEnv(2, scenario="Random")
+    together = {"pose": (1.0, 2.0, 0.5), "scenario": {"depth_m": 2.0}, "parameters": {"vehicle.mass_scale": 1.1}}
+    env.set_options(together)
+    np.testing.assert_array_equal(env.reset(), twin.reset(seed=[3, 4], options=together)[0])
+    assert env.env_method("state")[1]["depth_m"] == 2.0
+    np.testing.assert_array_equal(env.reset(), twin.reset()[0])
+    each = [
+        {"pose": (0.0, i, 0.0), "velocity": None, "parameters": {"vehicle.mass_scale": 1.0 + i / 9}} for i in (0, 1)
+    ]
+    env.set_options(each)
+    with pytest.raises(ValueError, match=r"options\['pose'\] = 'x' is not allowed"):
+        env.set_options({"pose": "x"})
+    options = {"pose": [[0, 0, 0], [0, 1, 0]], "parameters": {"vehicle.mass_scale": [1.0, 1.0 + 1 / 9]}}
+    np.testing.assert_array_equal(env.reset(), twin.reset(options=options)[0])
+
+
 def test_refuses_other_environments_and_unknown_info():
     with pytest.raises(ValueError, match="env_id = 'CartPole-v1' is not allowed"):
         TrackingVecEnv("CartPole-v1", 1)

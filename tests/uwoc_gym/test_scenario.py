@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from uwoc_gym import (
@@ -31,8 +31,9 @@ from uwoc_gym import (
     StraightPath,
     Vehicle,
 )
-from uwoc_gym.parameters import ChoiceSpec, FlagSpec, NamesSpec, NumberSpec
+from uwoc_gym.parameters import ChoiceSpec, FlagSpec, NamesSpec, NumberSpec, Parameters
 from uwoc_gym.scenario import DESCRIPTIONS, as_scenario, name_scenario
+from uwoc_gym.task.ending import RATE_TIMES_STEP
 
 SETTINGS = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -64,8 +65,8 @@ def test_recorded_path_survives_json():
     assert same_after_json(Scenario(ship=[PaperPath(), path]))
 
 
-def values_of(spec):
-    """Any value that a field allows, as plain data."""
+def values_of(spec, default):
+    """Values that a field allows, as plain data; numbers within half of the default, so that most can be flown."""
     if isinstance(spec, FlagSpec):
         return st.booleans()
     if isinstance(spec, ChoiceSpec):
@@ -76,15 +77,17 @@ def values_of(spec):
     if isinstance(spec, NamesSpec):
         return st.lists(st.sampled_from(spec.options), min_size=1, unique=True)
     assert isinstance(spec, NumberSpec)
-    low, high = max(spec.low, -1e6), min(spec.high, 1e6)
-    number = st.floats(low, high, exclude_min=spec.open_low, exclude_max=spec.open_high)
+    middle = 0.0 if default is None else float(np.mean(default))
+    reach = 0.5 * abs(middle) or 0.5
+    number = st.floats(max(spec.low, middle - reach), min(spec.high, middle + reach))
     if not spec.randomisable:
         return number
     return number | st.lists(number, min_size=2, max_size=2).map(sorted)
 
 
 def overrides_of(parameters, without=()):
-    fields = {name: values_of(spec) for name, spec in parameters.specs().items() if name not in without}
+    defaults = {field.name: field.default for field in dataclasses.fields(parameters)}
+    fields = {name: values_of(spec, defaults[name]) for name, spec in parameters.specs().items() if name not in without}
     return st.fixed_dictionaries({}, optional=fields)
 
 
@@ -113,18 +116,26 @@ OVERRIDES = st.fixed_dictionaries(
 )
 
 
+def merged(base, overrides):
+    """The scenario with overrides, of which a few together can't be flown."""
+    try:
+        return base.merged(overrides)
+    except SettingError:
+        reject()
+
+
 @SETTINGS
 @given(OVERRIDES)
 def test_any_scenario_survives_json(overrides):
     for base in (Scenario(), Scenario.named("Random")):
-        assert same_after_json(base.merged(overrides))
+        assert same_after_json(merged(base, overrides))
 
 
 @SETTINGS
 @given(OVERRIDES)
 def test_overrides_take_effect(overrides):
     base = Scenario.named("Random")
-    got, before = base.merged(overrides).to_dict(), base.to_dict()
+    got, before = merged(base, overrides).to_dict(), base.to_dict()
     for group in ("vehicle", "link", "sensors", "start", "reward", "observation"):
         assert got[group] == before[group] | overrides.get(group, {})
     assert got["sea"]["current"] == before["sea"]["current"] | overrides.get("sea", {}).get("current", {})
@@ -159,12 +170,12 @@ def test_unknown_names(data, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "The scenario isn't valid JSON"),
-        ("[1, 2]", "The scenario's JSON must be an object"),
+        ("{", "The scenario '{' isn't valid JSON"),
+        ("[1, 2]", "its JSON must be an object"),
         ('{"vehicle": 3}', "Scenario.vehicle = 3 is not allowed; it must be a Vehicle or a mapping"),
         ('{"ship": []}', r"Scenario.ship = \[\] is not allowed; it needs at least one of PaperPath"),
         ('{"ship": "circle"}', "Scenario.ship = 'circle' is not allowed"),
-        ('{"sea": {"pulses": {}}}', r"Sea.pulses = {} is not allowed; it must be a list of Pulse"),
+        ('{"sea": {"pulses": {}}}', r"Sea.pulses = {} is not allowed; it must be a list of at most 1000 Pulse"),
         ('{"vehicle": {"mass_scale": NaN}}', "Vehicle.mass_scale = nan is not allowed"),
         ('{"vehicle": {"mass_scale": "1"}}', "Vehicle.mass_scale = '1' is not allowed"),
         ('{"vehicle": {"mass_scale": true}}', "Vehicle.mass_scale = True is not allowed"),
@@ -180,29 +191,96 @@ def test_bad_json(text, message):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Vehicle(mass_scale=0.0), r"Vehicle.mass_scale = 0.0 .* \(0, inf\) \[1\]"),
-        (lambda: Vehicle(damping_scale=-0.1), r"Vehicle.damping_scale = -0.1 .* \[0, inf\)"),
+        (lambda: Vehicle(mass_scale=0.0), r"Vehicle.mass_scale = 0.0 .* \[0.1, 10\] \[1\]"),
+        (lambda: Vehicle(damping_scale=-0.1), r"Vehicle.damping_scale = -0.1 .* \[0, 100\]"),
         (lambda: Vehicle(mass_scale=(0.0, 1.0)), r"Vehicle.mass_scale = \(0.0, 1.0\) is not allowed"),
         (lambda: Vehicle(mass_scale=(1.2, 0.8)), r"Vehicle.mass_scale = \(1.2, 0.8\) .* pair \(low, high\)"),
         (lambda: Vehicle(mass_scale=(1.0, 1.1, 1.2)), r"Vehicle.mass_scale = \(1.0, 1.1, 1.2\) is not allowed"),
         (lambda: Vehicle(mass_scale=(1.0, math.inf)), r"Vehicle.mass_scale = \(1.0, inf\) is not allowed"),
         (lambda: Vehicle(max_surge_force_n=(1.0, 2.0)), r"Vehicle.max_surge_force_n = \(1.0, 2.0\) is not allowed"),
         (lambda: RandomPath(wander=0.95), r"RandomPath.wander = 0.95 .* \[0, 0.9\]"),
-        (lambda: Pulse(duration_s=-1.0), r"Pulse.duration_s = -1.0 .* \[0, inf\) \[s\]"),
-        (lambda: Current(correlation_time_s=0.0), r"Current.correlation_time_s = 0.0 .* \(0, inf\) \[s\]"),
-        (lambda: Sensors(yaw_std_rad=-1.0), r"Sensors.yaw_std_rad = -1.0 .* \[0, inf\) \[rad\]"),
-        (lambda: Scenario(depth_m=0.0), r"Scenario.depth_m = 0.0 .* \(0, inf\) \[m\] .* or None"),
+        (lambda: Pulse(duration_s=-1.0), r"Pulse.duration_s = -1.0 .* \[0, 1e\+06\] \[s\]"),
+        (lambda: Current(correlation_time_s=0.0), r"Current.correlation_time_s = 0.0 .* \[0.01, 1e\+06\] \[s\]"),
+        (lambda: Sensors(yaw_std_rad=-1.0), r"Sensors.yaw_std_rad = -1.0 .* \[0, 3.2\] \[rad\]"),
+        (lambda: Scenario(depth_m=0.0), r"Scenario.depth_m = 0.0 .* \[0.01, 10000\] \[m\] .* or None"),
         (lambda: Start(x_m=math.nan), r"Start.x_m = nan .* \[m\]"),
-        (lambda: OpticalLink(target_ber=0.5), r"OpticalLink.target_ber = 0.5 .* \(0, 0.5\)"),
-        (lambda: OpticalLink(target_ber=0.0), r"OpticalLink.target_ber = 0.0 .* \(0, 0.5\)"),
-        (lambda: RewardSettings(effort=-1.0), r"RewardSettings.effort = -1.0 .* \[0, inf\)"),
+        (lambda: OpticalLink(target_ber=0.5), r"OpticalLink.target_ber = 0.5 .* \[1e-15, 0.49\]"),
+        (lambda: OpticalLink(target_ber=0.0), r"OpticalLink.target_ber = 0.0 .* \[1e-15, 0.49\]"),
+        (lambda: RewardSettings(effort=-1.0), r"RewardSettings.effort = -1.0 .* \[0, 1000\]"),
         (lambda: ObservationSettings(velocity_scale_mps=0.0), r"ObservationSettings.velocity_scale_mps = 0.0"),
-        (lambda: EpisodeSettings(lost_distance_m=0.0), r"EpisodeSettings.lost_distance_m = 0.0 .* \(0, inf\) \[m\]"),
+        (
+            lambda: EpisodeSettings(lost_distance_m=0.0),
+            r"EpisodeSettings.lost_distance_m = 0.0 .* \[0.01, 1e\+06\] \[m\]",
+        ),
     ],
 )
 def test_values_out_of_range(build, message):
     with pytest.raises(SettingError, match=message):
         build()
+
+
+def all_parameters():
+    found, waiting = [], [Parameters]
+    while waiting:
+        below = waiting.pop().__subclasses__()
+        found += below
+        waiting += below
+    return found
+
+
+@pytest.mark.parametrize("parameters", all_parameters(), ids=lambda each: each.__name__)
+def test_every_number_has_finite_bounds_and_its_default_within(parameters):
+    for field in dataclasses.fields(parameters):
+        spec = field.metadata["spec"]
+        if isinstance(spec, NumberSpec):
+            low, high = (spec.low, spec.high) if field.default is None else np.ravel(field.default)[[0, -1]]
+            assert -math.inf < spec.low <= low <= high <= spec.high < math.inf, field.name
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"vehicle": {"mass_surge_kg": 1.0}}, r"integration_step_s = 0.005 .* 1.01e\+03 1/s"),
+        ({"vehicle": {"damping_scale": 60}, "episode": {"integration_step_s": 0.025}}, "integration_step_s = 0.025"),
+        ({"vehicle": {"mass_scale": 0.1}, "episode": {"integration_step_s": 0.05}}, "at most 0.01 "),
+        ({"vehicle": {"mass_scale": (0.1, 1.0)}, "episode": {"integration_step_s": 0.05}}, "at most 0.01 "),
+        ({"vehicle": {"damping_scale": 0}, "episode": {"integration_step_s": 0.025}}, "gets as fast as 3e"),
+        ({"sea": {"pulses": [{"force_x_n": 1e5}]}, "episode": {"integration_step_s": 0.05}}, "at most 0.01 "),
+        ({"start": {"surge_mps": 20.0}, "episode": {"integration_step_s": 0.05}}, "integration_step_s = 0.05"),
+        ({"depth_m": 4.5}, r"Scenario.depth_m = 4.5 .* below the cone.* at most 4.405 \[m\]"),
+        ({"depth_m": (1.0, 4.5)}, r"Scenario.depth_m = Range\(low=1.0, high=4.5\) .* at most 4.405"),
+        ({"depth_m": 3.0, "link": {"attenuation_per_m": (0.15, 1.0)}}, "Scenario.depth_m = 3.0 .* at most 2.1"),
+        ({"link": {"threshold_bit_rate_bps": 1e15}}, "no light reaches it beyond 0.061 m"),
+        ({"start": {"x_m": 50}}, r"Start.x_m = 50.0, y_m = 5.0 .* begin 50.25 m .*lost_distance_m = 20.0"),
+        ({"start": {"x_m": (-1, 30)}}, "begin 30.4"),
+        ({"start": {"x_m": 21, "relative_to_ship": True}}, "begin 21.5"),
+        ({"ship": {"kind": "circle", "x_m": 13.0, "y_m": 5.0, "radius_m": (8.0, 12.5)}}, "begin 20.5 m"),
+        (
+            {"ship": {"kind": "circle", "x_m": 13.0, "y_m": 5.0, "start_angle_rad": (1, 7), "radius_m": 13}},
+            "begin 21 m",
+        ),
+        ({"ship": [{"kind": "paper"}, {"kind": "straight", "x_m": 100.0}]}, "begin 95"),
+    ],
+)
+def test_what_cannot_be_integrated_or_solved_is_refused(overrides, message):
+    with pytest.raises(SettingError, match=message):
+        Scenario().merged(overrides)
+
+
+def test_the_step_that_an_error_names_will_do():
+    heavy = {"vehicle": {"mass_surge_kg": 1.0}}
+    with pytest.raises(SettingError) as raised:
+        Scenario().merged(heavy)
+    step = float(str(raised.value).rpartition("at most ")[2].partition(" ")[0])
+    assert Scenario().merged({**heavy, "episode": {"integration_step_s": step}}).motion.rate * step <= RATE_TIMES_STEP
+
+
+def test_the_smallest_cone_is_that_of_the_worst_link():
+    link = OpticalLink(attenuation_per_m=(0.15, 0.4), power_w=(0.05, 0.1), background=["surface", "printed"])
+    worst = OpticalLink(attenuation_per_m=0.4, power_w=0.05).cone().slant_height_m
+    printed = OpticalLink(attenuation_per_m=0.4, power_w=0.05, background="printed").cone().slant_height_m
+    assert link.smallest_cone().slant_height_m == pytest.approx(min(worst, printed), rel=1e-12)
+    assert OpticalLink().smallest_cone() == pytest.approx(OpticalLink().cone(), rel=1e-12)
 
 
 def test_setting_error_is_a_value_error():
@@ -273,7 +351,7 @@ def test_merged_pulses_replace():
 
 @pytest.mark.parametrize("overrides", [3, [("vehicle", {})], None])
 def test_merged_needs_a_mapping(overrides):
-    with pytest.raises(SettingError, match="Scenario overrides must be a mapping"):
+    with pytest.raises(SettingError, match=r"Scenario = .* is not allowed; changes to it must be a mapping"):
         Scenario().merged(overrides)
 
 

@@ -159,7 +159,7 @@ def test_options_of_all_environments():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"reset_mask": np.array([True])}, "options['reset_mask'] has shape (1,)"),
+        ({"reset_mask": np.array([True])}, "options['reset_mask'] = array([ True]) is not allowed"),
         ({"reset_mask": np.array([1, 0])}, "it must be a bool array of shape (2,)"),
         ({"reset_mask": np.array([False, False])}, "at least one True"),
         ({"reset_mask": np.array([True, False])}, "at the first reset"),
@@ -176,22 +176,22 @@ def test_refuses_bad_options(options, message):
 def test_refuses_a_scenario_for_some_environments():
     env = make(2)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="leave out"):
+    with pytest.raises(ValueError, match="beside options"):
         env.reset(options={"reset_mask": np.array([True, False]), "scenario": {"depth_m": 2.0}})
 
 
 def test_refuses_bad_arguments_and_actions():
-    with pytest.raises(ValueError, match=r"size = 0 .* at least 1"):
+    with pytest.raises(ValueError, match="num_envs = 0 is not allowed; it must be a whole number from 1"):
         TrackingVectorEnv(0)
     with pytest.raises(ValueError, match="max_episode_steps = -1"):
         TrackingVectorEnv(2, max_episode_steps=-1)
     env = TrackingVectorEnv(2)
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros((2, 3), dtype=np.float32))
-    with pytest.raises(ValueError, match="seed has 1 entries"):
+    with pytest.raises(ValueError, match=r"seed = \[1\] has 1 entries"):
         env.reset(seed=[1])
     env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"actions have shape \(3,\)"):
+    with pytest.raises(ValueError, match=r"actions = array.* must be finite and of shape \(2, 3\)"):
         env.step(np.zeros(3, dtype=np.float32))
     with pytest.raises(ValueError, match="of simulation 1 is not allowed; it must be finite"):
         env.step(np.array([[0, 0, 0], [0, np.nan, 0]], dtype=np.float32))
@@ -240,5 +240,5 @@ def test_refuses_what_is_no_mapping_or_no_action():
     with pytest.raises(ValueError, match="options = 5 is not allowed"):
         env.reset(seed=0, options=5)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="actions 'x' are not allowed"):
+    with pytest.raises(ValueError, match="actions = 'x' are not allowed"):
         env.step("x")

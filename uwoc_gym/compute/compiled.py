@@ -17,11 +17,13 @@ import numba
 from numba.core import caching as numba_caching
 from numba.core import event as numba_event
 from numba.core import serialize as numba_serialize
+from numba.extending import register_jitable as numba_register_jitable
 
 # Without types that mypy could follow.
 event: Any = numba_event
 caching: Any = numba_caching
 serialize: Any = numba_serialize
+register_jitable: Any = numba_register_jitable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -152,6 +154,11 @@ def inlined(function: Function) -> Function:
     return cast(Function, numba.njit(forceinline=True, **_INSIDE)(function))
 
 
+def equation(function: Function) -> Function:
+    """An equation of scalars that compiled code can call, and that stays an ordinary Python function."""
+    return cast(Function, register_jitable(forceinline=True, **_INSIDE)(function))
+
+
 def pasted(function: Function) -> Function:
     """Paste a list of calls into its callers before they are typed.
 
@@ -167,7 +174,7 @@ def subroutine(function: Function) -> Function:
 
 
 def over_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The scalar equation ``function``, plain or `inlined`, as a NumPy ufunc that is compiled on first use."""
+    """The scalar equation ``function``, an `equation` or `inlined`, as a NumPy ufunc that is compiled on first use."""
     vectorize: Any = cast(Any, numba).vectorize()
     ufunc: Any = vectorize(getattr(function, "py_func", function))
     _cached(ufunc._dispatcher, "cache")

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from uwoc_gym.compute.records import LANES, STRIDE
 from uwoc_gym.compute.rng import key_from_seed
-from uwoc_gym.parameters import closest
+from uwoc_gym.given import as_number, as_numbers, closest, count, is_sequence, scalar, shown
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.sim import layout, paper
 from uwoc_gym.sim.layout import FIRST_OUT, OUT_ROWS, Drawn
@@ -59,7 +59,8 @@ class Fleet:
         threads: Threads that share the blocks of 32 simulations; worth it from several thousand simulations on.
 
     Raises:
-        ValueError: ``size``, ``threads`` or ``max_episode_steps`` is below 1.
+        ValueError: ``size``, ``threads`` or ``max_episode_steps`` isn't a whole number within its bounds
+            (`uwoc_gym.given.LIMITS`).
     """
 
     def __init__(
@@ -70,12 +71,13 @@ class Fleet:
         max_episode_steps: int | None = None,
         threads: int = 1,
     ) -> None:
-        for name, value in (("size", size), ("threads", threads), ("max_episode_steps", max_episode_steps)):
-            if value is not None and (value != int(value) or value < 1):
-                raise ValueError(f"{name} = {value!r} is not allowed; it must be a whole number of at least 1.")
-        self.size = int(size)
+        if not isinstance(scenario, Scenario):
+            raise ValueError(f"scenario = {shown(scenario)} is not allowed; it must be a Scenario.")
+        self.size = count("size", size, "environments")
+        self.threads = count("threads", threads)
+        if max_episode_steps is not None:
+            max_episode_steps = count("max_episode_steps", max_episode_steps)
         self.autoreset = Autoreset(autoreset)
-        self.threads = int(threads)
         self._blocks = -(-self.size // LANES)
         self._pool: ThreadPoolExecutor | None = None
         self._seeded = np.zeros(self.size, dtype=bool)
@@ -88,7 +90,7 @@ class Fleet:
         self.max_episode_steps = max_episode_steps or scenario.episode.steps
         old: layout.Memory | None = getattr(self, "_memory", None)
         self._memory = layout.build(scenario, self.size, self.max_episode_steps, self.autoreset)
-        self._drawn = {each.path: each for each in layout.drawn_numbers(scenario) if each.path}
+        self._drawn = _drawn(scenario)
         if old is not None:
             # Seeds and episodes go on. All else is 0, since nothing writes the rows of an effect that doesn't act.
             self._memory.blocks["random"]["all"] = old.blocks["random"]["all"]
@@ -151,10 +153,29 @@ class Fleet:
             )
         poses = self._start_values("options['pose']", pose, 3)
         velocities = self._start_values("options['velocity']", velocity, 3)
-        numbers, values, paths = self._chosen(parameters or {})
+        numbers, values, paths = self._chosen({} if parameters is None else parameters, self._drawn)
         rows, only = (np.array([getattr(each, name) for each in numbers], dtype=np.int64) for name in ("row", "only"))
         self._set("random", "episode", which, self._get("random", "episode")[which] + 1.0)
         paper.reset(self._memory.array, which, 0.0, poses, velocities, paths, rows, only, values, observations)
+
+    def check_start(
+        self,
+        scenario: Scenario,
+        pose: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        parameters: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> None:
+        """Refuse what `reset` would refuse once the fleet is configured for a scenario, and change nothing.
+
+        Raises:
+            ValueError: As of `reset`.
+        """
+        for name, value in (("pose", pose), ("velocity", velocity)):
+            if value is not None:
+                self._start_values(f"options[{name!r}]", value, 3)
+        if parameters is not None:
+            known = self._drawn if scenario is self.scenario else _drawn(scenario)
+            self._chosen(parameters, known)
 
     def _which(self, lanes: npt.ArrayLike | None) -> Lanes:
         """The simulations meant.
@@ -164,10 +185,12 @@ class Fleet:
         """
         if lanes is None:
             return np.arange(self.size)
-        which = np.atleast_1d(np.asarray(lanes))
-        if which.ndim != 1 or which.dtype.kind not in "iu" or not ((which >= 0) & (which < self.size)).all():
-            raise ValueError(f"lanes = {lanes!r} is not allowed; it must be whole numbers from 0 to {self.size - 1}.")
-        return which.astype(np.int64, copy=False)
+        given = as_numbers(lanes)
+        if given is None or given.ndim > 1 or not ((given >= 0) & (given < self.size) & (given == given // 1)).all():
+            raise ValueError(
+                f"lanes = {shown(lanes)} is not allowed; it must be whole numbers from 0 to {self.size - 1}."
+            )
+        return np.atleast_1d(given).astype(np.int64)
 
     @property
     def lane_type(self) -> np.dtype[Any]:
@@ -255,11 +278,18 @@ class Fleet:
         ship_poses = self._start_values("ship_pose", ship_pose, 3)
         ship_velocities = self._start_values("ship_velocity", ship_velocity, 3)
         water = self._start_values("current", current, 2)
-        turn = self._start_values("ship_turn_rad_s", np.asarray(ship_turn_rad_s)[..., None], 1)
-        if not (np.isfinite(time_s) and time_s >= 0.0):
-            raise ValueError(f"time_s = {time_s!r} is not allowed; it must be a number of at least 0 [s].")
+        turn = as_numbers(ship_turn_rad_s, (), (self.size,))
+        if turn is None:
+            raise ValueError(
+                f"ship_turn_rad_s = {shown(ship_turn_rad_s)} is not allowed; it must be a finite number or of shape "
+                f"({self.size},)."
+            )
+        moment = as_number(time_s)
         period = self.scenario.episode.control_period_s
-        step = round(time_s / period)
+        # Beyond that doubles don't count whole periods any more.
+        if moment is None or not 0.0 <= moment <= 2.0**53 * period:
+            raise ValueError(f"time_s = {shown(time_s)} is not allowed; it must be a finite number of at least 0 [s].")
+        step = round(moment / period)
         numbers = {
             "drawn.current.speed_mps": np.hypot(*water.T),
             "drawn.current.direction_rad": np.arctan2(water[:, 1], water[:, 0]),
@@ -269,7 +299,7 @@ class Fleet:
             "drawn.ship.y_m": ship_poses[:, 1],
             "drawn.ship.course_rad": np.arctan2(ship_velocities[:, 1], ship_velocities[:, 0]),
             "drawn.ship.speed_mps": np.hypot(*ship_velocities[:, :2].T),
-            "drawn.ship.turn_rad_s": turn[:, 0],
+            "drawn.ship.turn_rad_s": turn,
             "drawn.ship.yaw_rad": ship_poses[:, 2],
             "drawn.ship.yaw_rate_rad_s": ship_velocities[:, 2],
             "drawn.ship.moment_s": step * period,
@@ -295,15 +325,13 @@ class Fleet:
         Raises:
             ValueError: ``rows`` have another layout or number, or the actions another shape or aren't finite.
         """
-        try:
-            given = np.asarray(actions, dtype=np.float32)
-        except (TypeError, ValueError):
-            given = np.empty(0, dtype=np.float32)
-        if given.ndim != 3 or given.shape[2] != len(self.scenario.actions) or not np.isfinite(given).all():
+        finite = as_numbers(actions)
+        if finite is None or finite.ndim != 3 or finite.shape[2] != len(self.scenario.actions):
             raise ValueError(
-                f"actions of shape {given.shape} are not allowed; they must be finite and of shape "
+                f"actions = {shown(actions)} are not allowed; they must be finite and of shape "
                 f"(K, H, {len(self.scenario.actions)})."
             )
+        given = np.clip(finite, -1.0, 1.0).astype(np.float32)
         count = len(given)
         found = Rollout(np.empty(count), np.empty(count), np.empty(count), np.empty(count, dtype=np.int64))
         scratch = np.zeros(self._memory.rows.shape[1] * STRIDE)
@@ -311,26 +339,29 @@ class Fleet:
         paper.rollout(self._memory.array, scratch, self._numbers_of(rows, count), in_time, *found)
         return found
 
-    def _chosen(self, parameters: Mapping[str, npt.ArrayLike]) -> tuple[list[Drawn], Array, Array]:
+    def _chosen(
+        self, parameters: Mapping[str, npt.ArrayLike], known: Mapping[str, Drawn]
+    ) -> tuple[list[Drawn], Array, Array]:
         """The numbers that aren't to be drawn, their values by simulation, and the ship's paths by simulation."""
         if not isinstance(parameters, Mapping) or not all(isinstance(name, str) for name in parameters):
-            raise ValueError(f"options['parameters'] = {parameters!r} is not allowed; it must be a mapping of names.")
+            raise ValueError(
+                f"options['parameters'] = {shown(parameters)} is not allowed; it must be a mapping of names."
+            )
         numbers: list[Drawn] = []
         values = np.zeros((len(parameters), self.size))
         alternatives = np.full(self.size, -1.0)
         for i, (name, value) in enumerate(parameters.items()):
-            field = f"options['parameters'][{name!r}]"
-            if name not in self._drawn:
-                raise ValueError(f"{field} is not known; {closest(name, list(self._drawn))}")
-            own = self._drawn[name]
-            try:
-                array = _coded(value, own) if own.options else np.asarray(value, dtype=float)
-            except (TypeError, ValueError):
-                array = np.empty(0)
+            field = f"options['parameters'][{shown(name)}]"
+            if name not in known:
+                raise ValueError(f"{field} is not known; {closest(name, known)}")
+            own = known[name]
+            coded = _coded(value, own) if own.options else value
+            found = as_numbers(coded, (), (self.size,))
+            array = np.empty(0) if found is None else found
             fits = (own.low <= array) & (array <= own.high)
             if own.mask:
                 fits &= np.isin(array, [place for place in range(own.mask.bit_length()) if own.mask >> place & 1])
-            if array.shape not in ((), (self.size,)) or not fits.all():
+            if found is None or not fits.all():
                 shapes = "a number" if self.size == 1 else f"a number or of shape ({self.size},)"
                 allowed = f"in the range [{own.low:g}, {own.high:g}] that the scenario draws it from"
                 if own.options:
@@ -338,7 +369,7 @@ class Fleet:
                     allowed = "one of " + ", ".join(repr(name) for name in own.allowed)
                 elif own.mask:
                     allowed = f"a whole one from 0 to {own.high:g}, the place of one of the scenario's alternatives"
-                raise ValueError(f"{field} = {value!r} is not allowed; it must be {shapes}, {allowed}.")
+                raise ValueError(f"{field} = {shown(value)} is not allowed; it must be {shapes}, {allowed}.")
             values[i] = array
             if name == "ship":
                 alternatives[:] = array
@@ -365,12 +396,9 @@ class Fleet:
         Raises:
             ValueError: The impulse has another shape or isn't finite; nothing has moved.
         """
-        try:
-            given = np.asarray(impulse, dtype=float)
-        except (TypeError, ValueError):
-            given = np.empty(0)
-        if given.shape != (3,) or not np.isfinite(given).all():
-            raise ValueError(f"impulse = {impulse!r} is not allowed; it must be finite and of shape (3,).")
+        given = as_numbers(impulse, (3,))
+        if given is None:
+            raise ValueError(f"impulse = {shown(impulse)} is not allowed; it must be finite and of shape (3,).")
         rows = (("surge", "inverse_surge"), ("sway", "inverse_sway"), ("yaw_rate", "inverse_yaw"))
         for own, (velocity, inverse) in zip(given, rows, strict=True):
             after = self._get("auv", velocity) + own * self._get("auv", inverse)
@@ -379,13 +407,10 @@ class Fleet:
     def _start_values(self, name: str, value: npt.ArrayLike | None, width: int) -> Array:
         if value is None:
             return np.full((self.size, width), np.nan)
-        try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            array = np.empty(0)
-        if array.shape not in ((width,), (self.size, width)) or not np.isfinite(array).all():
+        array = as_numbers(value, (width,), (self.size, width))
+        if array is None:
             shapes = f"({width},)" if self.size == 1 else f"({width},) or ({self.size}, {width})"
-            raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and of shape {shapes}.")
+            raise ValueError(f"{name} = {shown(value)} is not allowed; it must be finite and of shape {shapes}.")
         # A copy: Numba compiles anew for views that can't be written to.
         return np.array(np.broadcast_to(array, (self.size, width)), order="C")
 
@@ -516,8 +541,17 @@ class Fleet:
         return found
 
 
-def _coded(value: Any, own: Drawn) -> Array:
-    """Places of the names that were chosen; not a number for what can't be."""
-    names = np.asarray(value)
-    places = {name: float(place) for place, name in enumerate(own.options)}
-    return np.array([places.get(str(name), np.nan) for name in names.ravel()]).reshape(names.shape)
+def _drawn(scenario: Scenario) -> dict[str, Drawn]:
+    """The numbers and choices that episodes of a scenario may draw, by their paths."""
+    return {each.path: each for each in layout.drawn_numbers(scenario) if each.path}
+
+
+def _coded(value: Any, own: Drawn) -> Any:
+    """Places of the names that were chosen; None for what can't be."""
+    places: dict[Any, float] = {name: float(place) for place, name in enumerate(own.options)}
+
+    def place(name: Any) -> float | None:
+        plain = scalar(name)
+        return places.get(plain) if isinstance(plain, str) else None
+
+    return [place(name) for name in value] if is_sequence(value) else place(value)

@@ -143,6 +143,15 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
         for _ in range(substeps):
             for j in range(lanes):
                 horizontal.integrate_in_calm(b, j, h)
+    diverged = False
+    for j in range(lanes):
+        followed = horizontal.follows(b, j)
+        b.ending.diverged[j] = 0.0 if followed else 1.0
+        diverged |= not followed
+    if diverged:
+        for j in range(lanes):
+            if b.ending.diverged[j] > 0.0:
+                horizontal.give_up(b, j, 2.0 * world.episode.lost_distance_m)
     for j in range(lanes):
         horizontal.turn_to_heading(b, j)
     if flows:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Parameters, SettingError, number
 
-STATE = rows("last_outside", "ended", "was_ended")
-"""Step at which the AUV was last outside the cone; whether the episode is over, and was before the present step."""
+RATE_TIMES_STEP = 1.1
+"""Largest rate of change times integration step; flights differ by less than 1 % from those with a far smaller step.
+
+RK4 becomes unstable at about 2.6 and is wrong long before."""
+
+STATE = rows("last_outside", "ended", "was_ended", "diverged")
+"""Step at which the AUV was last outside the cone; whether the episode is over, and was before the present step;
+whether the last step has diverged, which a new episode that begins in it doesn't forget."""
 
 OUTCOME = rows("is_success", "reward", "terminated", "truncated")
 
@@ -18,23 +25,25 @@ OUTCOME = rows("is_success", "reward", "terminated", "truncated")
 class EpisodeSettings(Parameters):
     """Time grid and end of an episode."""
 
-    duration_s: float = number(150.0, "s", "length", positive=True, randomisable=False, source="paper, sec. 4")
+    duration_s: float = number(150.0, "s", "length", low=0.001, high=1e6, randomisable=False, source="paper, sec. 4")
     control_period_s: float = number(
         0.05,
         "s",
         "time between actions",
-        positive=True,
+        low=1e-4,
+        high=60.0,
         randomisable=False,
         source="20 Hz; the paper's runs use 0.005 s",
     )
     integration_step_s: float = number(
-        0.005, "s", "step of the RK4 integrator", positive=True, randomisable=False, source="paper, sec. 4"
+        0.005, "s", "step of the RK4 integrator", low=1e-6, high=1.0, randomisable=False, source="paper, sec. 4"
     )
     lost_distance_m: float = number(
         20.0,
         "m",
         "horizontal distance at which the link counts as lost beyond recovery",
-        positive=True,
+        low=0.01,
+        high=1e6,
         randomisable=False,
         source="project default: twice the radius of the paper's path",
     )
@@ -58,10 +67,15 @@ class EpisodeSettings(Parameters):
         """Control periods in an episode."""
         return round(self.duration_s / self.control_period_s)
 
+    def step_for(self, rate: float) -> float:
+        """The longest integration step [s] that divides the control period and can follow changes of a rate [1/s]."""
+        return self.control_period_s / math.ceil(self.control_period_s * rate / RATE_TIMES_STEP)
+
 
 def _whole(long: float, short: float, long_name: str, short_name: str) -> None:
     ratio = long / short
-    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+    # Beyond that doubles don't count any more.
+    if not ratio < 2.0**53 or round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
         raise SettingError(
             f"EpisodeSettings.{long_name} = {long!r} is not allowed; it must be a whole multiple of "
             f"{short_name} = {short!r} [s]."
@@ -90,8 +104,7 @@ def judge(b, j, world) -> None:
     o = b.ending
     step = b.clock.step[j]
     last_outside = o.last_outside[j] if b.measure.in_cone[j] > 0.0 else step
-    # Written so that a state that is not a number counts as lost.
-    lost = not (b.link.distance_m[j] <= world.episode.lost_distance_m)
+    lost = (b.link.distance_m[j] > world.episode.lost_distance_m) or o.diverged[j] > 0.0
     late = step >= world.episode.max_steps
     o.last_outside[j] = last_outside
     o.ended[j] = 1.0 if lost or late else 0.0

@@ -96,14 +96,14 @@ class ObservationSettings(Parameters):
     groups: tuple[str, ...] = names(
         STANDARD, tuple(GROUPS), "groups of entries that are observed, in their order", since="0.2.0"
     )
-    position_scale_m: float = number(4.0, "m", "scale of relative position", positive=True, randomisable=False)
-    velocity_scale_mps: float = number(1.0, "m/s", "scale of velocities", positive=True, randomisable=False)
-    yaw_rate_scale_rad_s: float = number(1.0, "rad/s", "scale of yaw rates", positive=True, randomisable=False)
+    position_scale_m: float = number(4.0, "m", "scale of relative position", low=0.001, high=1e6, randomisable=False)
+    velocity_scale_mps: float = number(1.0, "m/s", "scale of velocities", low=0.001, high=1000.0, randomisable=False)
+    yaw_rate_scale_rad_s: float = number(1.0, "rad/s", "scale of yaw rates", low=0.001, high=1000.0, randomisable=False)
     acceleration_scale_mps2: float = number(
-        0.5, "m/s^2", "scale of the ship's acceleration", positive=True, randomisable=False
+        0.5, "m/s^2", "scale of the ship's acceleration", low=0.001, high=1000.0, randomisable=False
     )
     yaw_acceleration_scale_rad_s2: float = number(
-        0.5, "rad/s^2", "scale of the ship's yaw acceleration", positive=True, randomisable=False
+        0.5, "rad/s^2", "scale of the ship's yaw acceleration", low=0.001, high=1000.0, randomisable=False
     )
 
     @property

@@ -33,14 +33,16 @@ class RewardSettings(Parameters):
     =========  ==================================================  ==========
     """
 
-    bit_rate: float = number(0.4, "1", "weight of the bit rate", low=0.0, randomisable=False)
-    in_cone: float = number(0.3, "1", "weight of being inside the cone", low=0.0, randomisable=False)
-    position: float = number(0.2, "1", "weight of being near the cone's axis", low=0.0, randomisable=False)
-    heading: float = number(0.1, "1", "weight of sharing the ship's heading", low=0.0, randomisable=False)
-    effort: float = number(0.05, "1", "weight of the actuators' effort", low=0.0, randomisable=False)
-    position_scale_m: float = number(1.0, "m", "distance at which `position` halves", positive=True, randomisable=False)
+    bit_rate: float = number(0.4, "1", "weight of the bit rate", low=0.0, high=1000.0, randomisable=False)
+    in_cone: float = number(0.3, "1", "weight of being inside the cone", low=0.0, high=1000.0, randomisable=False)
+    position: float = number(0.2, "1", "weight of being near the cone's axis", low=0.0, high=1000.0, randomisable=False)
+    heading: float = number(0.1, "1", "weight of sharing the ship's heading", low=0.0, high=1000.0, randomisable=False)
+    effort: float = number(0.05, "1", "weight of the actuators' effort", low=0.0, high=1000.0, randomisable=False)
+    position_scale_m: float = number(
+        1.0, "m", "distance at which `position` halves", low=0.001, high=1e6, randomisable=False
+    )
     heading_scale_rad: float = number(
-        0.5, "rad", "yaw error at which `heading` halves", positive=True, randomisable=False
+        0.5, "rad", "yaw error at which `heading` halves", low=0.001, high=1000.0, randomisable=False
     )
 
     @property

@@ -91,20 +91,20 @@ def test_shipped_agents_decide_as_the_best_runs_and_load_with_plain_sb3(flown):
         assert (flown / f"trained/{name}/model.zip").stat().st_size <= (best / "model.zip").stat().st_size
 
 
-def test_a_failed_training_is_named(tmp_path, capsys, monkeypatch):
+def test_a_training_that_is_not_allowed_is_refused_before_any_begins(tmp_path, capsys, monkeypatch):
     broken = protocol.Group(Wish(algorithm="ppo", set=("n_stps=4",)), 1, "PPO")
     monkeypatch.setitem(protocol.GROUPS, "ppo", broken)
     words = ["protocol", "--groups", "ppo", "--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out")]
     assert main(words) == 1
     error = capsys.readouterr().err.splitlines()[-1]
-    assert "a training failed" in error
-    assert "ppo-0" in error
+    assert "--groups ppo" in error
     assert "did you mean 'n_steps'" in error
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_refuses_more_seeds_than_are_held_out(tmp_path, capsys):
-    assert main(["protocol", "--seeds", "201", "--runs", str(tmp_path), "--out", str(tmp_path)]) == 1
-    assert "there are 200 held-out seeds" in capsys.readouterr().err
+    assert main(["protocol", "--seeds", "201", "--runs", str(tmp_path), "--out", str(tmp_path)]) == 2
+    assert "a whole number from 1 to 200" in capsys.readouterr().err
 
 
 def _kill(*_):
@@ -121,7 +121,7 @@ def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
     protocol.train_all([job], 1)
     assert json.loads((job.folder / "results.json").read_text())["finished"]
     with pytest.raises(CommandError, match="was begun with other settings"):
-        protocol.train_all([protocol.Job(replace(wish, set=()), job.folder)], 1)
+        protocol.check({"ppo": [protocol.Job(replace(wish, set=()), job.folder)]}, {})
 
 
 def test_groups_say_the_commands_of_the_benchmark():

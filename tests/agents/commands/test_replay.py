@@ -25,7 +25,7 @@ def test_existing_pages_are_kept_without_force(tmp_path: Path, capsys: pytest.Ca
         (["--policy", "x"], ["--policy", "Valid names: pd, pd-plain, nlpd"]),
         (["--scenario", "x"], ["--scenario", "uwoc/Nominal-v0"]),
         (["--out", "page.txt"], ["--out page.txt", ".html"]),
-        (["--at", "-1"], ["--at", "at least 0"]),
+        (["--at", "-1"], ["--at", "from 0.0 to"]),
     ],
 )
 def test_errors_are_one_line(options: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 import torch
@@ -21,6 +22,13 @@ def test_every_settings_file_is_in_the_zoos_format() -> None:
             # Texts that YAML took a number for would be an error there.
             assert {key: values[key] for key in given} == given
             assert not {"residual", "residual_scale"} & set(given)
+
+
+def test_entries_may_take_over_from_others_as_in_the_zoo(tmp_path: Path) -> None:
+    path = tmp_path / "ppo.yaml"
+    path.write_text("first: &usual {n_steps: 64, gamma: 0.9}\ndefault:\n  <<: *usual\n  gamma: 0.8\n")
+    values, _ = settings.resolve("ppo", "uwoc/Random-v0", path=path)
+    assert (values["n_steps"], values["gamma"]) == (64, 0.8)
 
 
 def test_policy_arguments_in_the_style_of_the_zoo() -> None:

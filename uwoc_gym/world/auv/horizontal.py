@@ -27,6 +27,9 @@ MASSES = "paper, table 3 (includes added mass)"
 DAMPING = "paper, table 3"
 LIMITS = "project default: the paper's controllers never reach it"
 
+FASTEST = 1000.0
+"""Surge, sway [m/s] or yaw rate [rad/s] beyond which the integration has diverged: nothing moves so under water."""
+
 STATE = rows(
     "x", "y", "yaw", "cos", "sin", "surge", "sway", "yaw_rate",
     # The actuators' force in the last control period, and what it and the plant make of the equation of motion.
@@ -49,28 +52,34 @@ WRENCH = rows("surge", "sway", "yaw", "x", "y")
 class Vehicle(Parameters):
     """Parameters of the AUV: the nominal model, how the true plant departs from it, and the actuators' limits."""
 
-    mass_surge_kg: Number = number(100.0, "kg", "mass in surge, m11", positive=True, source=MASSES)
-    mass_sway_kg: Number = number(250.0, "kg", "mass in sway, m22", positive=True, source=MASSES)
-    inertia_yaw_kg_m2: Number = number(80.0, "kg m^2", "inertia in yaw, m33", positive=True, source=MASSES)
-    linear_damping_surge: Number = number(70.0, "kg/s", "linear damping in surge", low=0.0, source=DAMPING)
-    linear_damping_sway: Number = number(100.0, "kg/s", "linear damping in sway", low=0.0, source=DAMPING)
-    linear_damping_yaw: Number = number(50.0, "kg m^2/s", "linear damping in yaw", low=0.0, source=DAMPING)
-    quadratic_damping_surge: Number = number(100.0, "kg/m", "quadratic damping in surge", low=0.0, source=DAMPING)
-    quadratic_damping_sway: Number = number(200.0, "kg/m", "quadratic damping in sway", low=0.0, source=DAMPING)
-    quadratic_damping_yaw: Number = number(100.0, "kg m^2", "quadratic damping in yaw", low=0.0, source=DAMPING)
-    mass_scale: Number = number(
-        1.0, "1", "true masses and inertia over nominal", positive=True, source="paper, Case II"
+    mass_surge_kg: Number = number(100.0, "kg", "mass in surge, m11", low=1.0, high=1e6, source=MASSES)
+    mass_sway_kg: Number = number(250.0, "kg", "mass in sway, m22", low=1.0, high=1e6, source=MASSES)
+    inertia_yaw_kg_m2: Number = number(80.0, "kg m^2", "inertia in yaw, m33", low=0.01, high=1e8, source=MASSES)
+    linear_damping_surge: Number = number(70.0, "kg/s", "linear damping in surge", low=0.0, high=1e6, source=DAMPING)
+    linear_damping_sway: Number = number(100.0, "kg/s", "linear damping in sway", low=0.0, high=1e6, source=DAMPING)
+    linear_damping_yaw: Number = number(50.0, "kg m^2/s", "linear damping in yaw", low=0.0, high=1e8, source=DAMPING)
+    quadratic_damping_surge: Number = number(
+        100.0, "kg/m", "quadratic damping in surge", low=0.0, high=1e6, source=DAMPING
     )
-    damping_scale: Number = number(1.0, "1", "true damping over nominal", low=0.0, source="project default")
+    quadratic_damping_sway: Number = number(
+        200.0, "kg/m", "quadratic damping in sway", low=0.0, high=1e6, source=DAMPING
+    )
+    quadratic_damping_yaw: Number = number(
+        100.0, "kg m^2", "quadratic damping in yaw", low=0.0, high=1e8, source=DAMPING
+    )
+    mass_scale: Number = number(
+        1.0, "1", "true masses and inertia over nominal", low=0.1, high=10.0, source="paper, Case II"
+    )
+    damping_scale: Number = number(1.0, "1", "true damping over nominal", low=0.0, high=100.0, source="project default")
     coriolis: bool = flag(True, "Coriolis and centripetal terms; off reproduces the paper's PD row")
     max_surge_force_n: float = number(
-        2000.0, "N", "surge force at action 1", positive=True, randomisable=False, source=LIMITS
+        2000.0, "N", "surge force at action 1", low=0.001, high=1e6, randomisable=False, source=LIMITS
     )
     max_sway_force_n: float = number(
-        2000.0, "N", "sway force at action 1", positive=True, randomisable=False, source=LIMITS
+        2000.0, "N", "sway force at action 1", low=0.001, high=1e6, randomisable=False, source=LIMITS
     )
     max_yaw_moment_nm: float = number(
-        500.0, "N m", "yaw moment at action 1", positive=True, randomisable=False, source=LIMITS
+        500.0, "N m", "yaw moment at action 1", low=0.001, high=1e7, randomisable=False, source=LIMITS
     )
 
     def nominal(self) -> Vehicle:
@@ -251,6 +260,28 @@ def carry(b, j, duration_s) -> None:
     """Carry the lane along with the water."""
     b.auv.x[j] = fma(duration_s, b.water.x[j], b.auv.x[j])
     b.auv.y[j] = fma(duration_s, b.water.y[j], b.auv.y[j])
+
+
+@inlined
+def follows(b, j):
+    """Whether the motion is one that the integrator has followed; written so that what is not a number isn't."""
+    a = b.auv
+    return (
+        (abs(a.surge[j]) <= FASTEST)
+        & (abs(a.sway[j]) <= FASTEST)
+        & (abs(a.yaw_rate[j]) <= FASTEST)
+        & (abs(a.x[j]) + abs(a.y[j]) + abs(a.yaw[j]) <= 1e12)
+    )
+
+
+@inlined
+def give_up(b, j, distance_m) -> None:
+    """Put an AUV that has diverged to rest at a distance from where the ship was."""
+    a = b.auv
+    a.x[j] = b.ship.x[j] + distance_m
+    a.y[j] = b.ship.y[j]
+    a.yaw[j] = 0.0
+    a.surge[j] = a.sway[j] = a.yaw_rate[j] = 0.0
 
 
 def _make_integrator(pushed: bool) -> Any:

@@ -23,10 +23,10 @@ UNKNOWN = "the paper gives no noise level"
 class Sensors(Parameters):
     """Standard deviations of white Gaussian noise, drawn anew at every observation."""
 
-    position_std_m: Number = number(0.0, "m", "x and y", low=0.0, source=UNKNOWN)
-    yaw_std_rad: Number = number(0.0, "rad", "yaw", low=0.0, source=UNKNOWN)
-    velocity_std_mps: Number = number(0.0, "m/s", "surge and sway velocity", low=0.0, source=UNKNOWN)
-    yaw_rate_std_rad_s: Number = number(0.0, "rad/s", "yaw rate", low=0.0, source=UNKNOWN)
+    position_std_m: Number = number(0.0, "m", "x and y", low=0.0, high=100.0, source=UNKNOWN)
+    yaw_std_rad: Number = number(0.0, "rad", "yaw", low=0.0, high=3.2, source=UNKNOWN)
+    velocity_std_mps: Number = number(0.0, "m/s", "surge and sway velocity", low=0.0, high=10.0, source=UNKNOWN)
+    yaw_rate_std_rad_s: Number = number(0.0, "rad/s", "yaw rate", low=0.0, high=10.0, source=UNKNOWN)
 
     @property
     def random(self) -> bool:

@@ -10,6 +10,7 @@ what an episode evaluates at every step.
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.compute.compiled import inlined, over_arrays
+from uwoc_gym.compute.compiled import equation, inlined, over_arrays
 from uwoc_gym.compute.elementary import atan_below_one, exp, fma, log
 from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Number, Parameters, SettingError, choice, number
@@ -27,6 +28,9 @@ ELEMENTARY_CHARGE_C = 1.602176634e-19
 """Charge of the electron [C], exact in the SI since 2019."""
 
 PAPER = "paper, table 1"
+
+LOWEST_CONE_M = 0.1
+"""Slant height [m] below which there is no cone worth the name."""
 
 Array = npt.NDArray[np.float64]
 
@@ -42,39 +46,39 @@ MEASURE = rows("bit_rate_bps", "snr", "ber", "range_m", "pointing_error_rad", "i
 COST = rows("outside")
 
 
-@inlined
+@equation
 def lambertian_order(half_power_angle):
     return -math.log(2.0) / math.log(math.cos(half_power_angle))
 
 
-@inlined
+@equation
 def radiant_intensity(power, order, range_m, emission_angle):
     lobe = math.cos(emission_angle) ** order
     return power * (order + 1.0) / (2.0 * math.pi * range_m**2) * lobe
 
 
-@inlined
+@equation
 def effective_area(detector_area, refractive_index, field_of_view, pointing_error):
     concentrator_gain = refractive_index**2 / math.sin(field_of_view) ** 2
     return concentrator_gain * detector_area * math.cos(pointing_error)
 
 
-@inlined
+@equation
 def channel_loss(attenuation, range_m):
     return math.exp(-attenuation * range_m)
 
 
-@inlined
+@equation
 def solar_power(irradiance, transmittance, bandwidth, area):
     return irradiance * transmittance * bandwidth * area
 
 
-@inlined
+@equation
 def shot_noise_per_hertz(responsivity, background_power):
     return 2.0 * ELEMENTARY_CHARGE_C * responsivity * background_power
 
 
-@inlined
+@equation
 def solve_log_range(excess, log_slope, linear_slope):
     """ln d where excess + log_slope·ln d + linear_slope·(d − 1) = 0, by Newton's method in ln d.
 
@@ -87,7 +91,7 @@ def solve_log_range(excess, log_slope, linear_slope):
     return x
 
 
-@inlined
+@equation
 def log_rate_slopes(order, attenuation, surface_background):
     """How ln(bit rate) goes with ln(range), range and ln(cos of the pointing error).
 
@@ -98,15 +102,37 @@ def log_rate_slopes(order, attenuation, surface_background):
     return -4.0, 0.0, 2.0 * (order + 1.0) - 1.0
 
 
+@equation
+def reduced(
+    power_w, half_power_angle_rad, detector_area_m2, field_of_view_rad, refractive_index, responsivity_a_per_w,
+    attenuation_per_m, filter_bandwidth_nm, solar_irradiance_w_per_m2_nm, water_transmittance, surface, q,
+):  # fmt: skip
+    """The link's a, b, c and e in ln B = a + b ln d + c (d − 1) + e ln cos ψ, from the numbers of `OpticalLink`."""
+    order = lambertian_order(half_power_angle_rad)
+    area = effective_area(detector_area_m2, refractive_index, field_of_view_rad, 0.0)
+    loss = channel_loss(attenuation_per_m, 1.0)
+    current = responsivity_a_per_w * (radiant_intensity(power_w, order, 1.0, 0.0) * area * loss)
+    irradiance = solar_irradiance_w_per_m2_nm * (1.0 if surface else loss * loss)
+    lit = detector_area_m2 if surface else area
+    background = solar_power(irradiance, water_transmittance, filter_bandwidth_nm, lit)
+    noise = shot_noise_per_hertz(responsivity_a_per_w, background)
+    ln_rate = math.log(current * current / noise / (q * q))
+    slope_log, slope_linear, slope_cos = log_rate_slopes(order, attenuation_per_m, surface)
+    return ln_rate, slope_log, slope_linear, slope_cos
+
+
+@equation
+def slant_height(link, fov, ln_threshold):
+    """Range at the rim of the field of view at which the bit rate of a `reduced` link falls to the threshold."""
+    ln_rate, slope_log, slope_linear, slope_cos = link
+    excess = ln_rate + slope_cos * math.log(math.cos(fov)) - ln_threshold
+    return math.exp(solve_log_range(excess, slope_log, slope_linear))
+
+
 _radiant_intensity = over_arrays(radiant_intensity)
 _effective_area = over_arrays(effective_area)
 _channel_loss = over_arrays(channel_loss)
 _solve_log_range = over_arrays(solve_log_range)
-# These are plain arithmetic, which Python does to arrays as well.
-_lambertian_order = lambertian_order.py_func  # type: ignore[attr-defined]
-_solar_power = solar_power.py_func  # type: ignore[attr-defined]
-_shot_noise_per_hertz = shot_noise_per_hertz.py_func  # type: ignore[attr-defined]
-_log_rate_slopes = log_rate_slopes.py_func  # type: ignore[attr-defined]
 
 
 class Cone(NamedTuple):
@@ -147,29 +173,34 @@ class OpticalLink(Parameters):
         8.9
     """
 
-    power_w: Number = number(0.1, "W", "mean optical power of the transmitter", positive=True, source=PAPER)
+    power_w: Number = number(0.1, "W", "mean optical power of the transmitter", low=1e-6, high=1000.0, source=PAPER)
     half_power_angle_rad: Number = number(
-        math.radians(15), "rad", "half-angle at half power", positive=True, high=1.5, source=PAPER
+        math.radians(15), "rad", "half-angle at half power", low=0.01, high=1.5, source=PAPER
     )
-    detector_area_m2: Number = number(1e-4, "m^2", "detector area", positive=True, source=PAPER)
+    detector_area_m2: Number = number(1e-4, "m^2", "detector area", low=1e-9, high=1.0, source=PAPER)
     field_of_view_rad: Number = number(
-        math.radians(30), "rad", "half field of view of the receiver", positive=True, high=1.5, source=PAPER
+        math.radians(30), "rad", "half field of view of the receiver", low=0.01, high=1.5, source=PAPER
     )
-    refractive_index: Number = number(1.52, "1", "refractive index of the concentrator", low=1.0, source=PAPER)
-    responsivity_a_per_w: Number = number(0.6, "A/W", "responsivity", positive=True, source=PAPER)
+    refractive_index: Number = number(
+        1.52, "1", "refractive index of the concentrator", low=1.0, high=4.0, source=PAPER
+    )
+    responsivity_a_per_w: Number = number(0.6, "A/W", "responsivity", low=0.001, high=10.0, source=PAPER)
     attenuation_per_m: Number = number(
-        0.15, "1/m", "attenuation coefficient of the water", low=0.0, high=100.0, source=PAPER
+        0.15, "1/m", "attenuation coefficient of the water", low=0.0, high=10.0, source=PAPER
     )
-    filter_bandwidth_nm: Number = number(30.0, "nm", "bandwidth of the optical filter", positive=True, source=PAPER)
+    filter_bandwidth_nm: Number = number(
+        30.0, "nm", "bandwidth of the optical filter", low=0.01, high=1000.0, source=PAPER
+    )
     solar_irradiance_w_per_m2_nm: Number = number(
         0.7645,
         "W/(m^2 nm)",
         "spectral solar irradiance at the surface, 532 nm",
-        positive=True,
+        low=1e-12,
+        high=10.0,
         source="paper, sec. 2.2",
     )
     water_transmittance: Number = number(
-        0.95, "1", "transmittance of the water at 532 nm", positive=True, high=1.0, source="paper, sec. 2.2"
+        0.95, "1", "transmittance of the water at 532 nm", low=1e-6, high=1.0, source="paper, sec. 2.2"
     )
     background: str = choice(
         "surface",
@@ -181,17 +212,28 @@ class OpticalLink(Parameters):
         1e-4,
         "1",
         "bit error rate at which the bit rate is stated",
-        positive=True,
-        high=0.5,
-        open_high=True,
+        low=1e-15,
+        high=0.49,
         randomisable=False,
         source="paper, sec. 2.3",
     )
     threshold_bit_rate_bps: float = number(
-        10e6, "bit/s", "bit rate that defines the cone", positive=True, randomisable=False, source="paper, sec. 2.3"
+        10e6,
+        "bit/s",
+        "bit rate that defines the cone",
+        low=1.0,
+        high=1e15,
+        randomisable=False,
+        source="paper, sec. 2.3",
     )
     max_bit_rate_bps: float | None = number(
-        None, "bit/s", "highest rate of the modem; None for no limit", positive=True, randomisable=False, optional=True
+        None,
+        "bit/s",
+        "highest rate of the modem; None for no limit",
+        low=1.0,
+        high=1e15,
+        randomisable=False,
+        optional=True,
     )
 
     def _check(self) -> None:
@@ -213,10 +255,23 @@ class OpticalLink(Parameters):
             "ceiling_bps": math.exp(ln_ceiling),
         }
 
+    def smallest_cone(self) -> Cone:
+        """The cone of the least slant height among all links that an episode may draw."""
+        ranges = {name: sorted(set(np.ravel(value).tolist())) for name, value in self.numbers()}
+        surfaces = {name == "surface" for name in np.ravel(self.background).tolist()}
+        own = self.derived()
+        cones = []
+        for surface, *values in itertools.product(surfaces, *ranges.values()):
+            numbers = dict(zip(ranges, values, strict=True))
+            fov = numbers["field_of_view_rad"]
+            slant = slant_height(reduced(**numbers, surface=surface, q=own["q"]), fov, own["ln_threshold"])
+            cones.append(Cone(fov, slant))
+        return min(cones, key=lambda cone: cone.slant_height_m)
+
     @property
     def lambertian_order(self) -> float:
         """Lambert's mode number m = −ln 2 / ln cos Φ½ (paper, eq. 2)."""
-        return float(_lambertian_order(self.value("half_power_angle_rad")))
+        return float(lambertian_order(self.value("half_power_angle_rad")))
 
     def radiant_intensity(self, range_m: npt.ArrayLike, emission_angle_rad: npt.ArrayLike) -> float | Array:
         """Radiant intensity over range squared, I_s [W/m²] (paper, eq. 1)."""
@@ -254,7 +309,7 @@ class OpticalLink(Parameters):
             )
             area = self.effective_area(angle)
         return _like_input(
-            _solar_power(irradiance, self.value("water_transmittance"), self.value("filter_bandwidth_nm"), area)
+            solar_power(irradiance, self.value("water_transmittance"), self.value("filter_bandwidth_nm"), area)
         )
 
     def noise_variance(
@@ -262,7 +317,7 @@ class OpticalLink(Parameters):
     ) -> float | Array:
         """Variance of the solar shot noise σ_b² [A²] at a bit rate [bit/s] (paper, eq. 10)."""
         background = self.background_power(range_m, pointing_error_rad)
-        density = _shot_noise_per_hertz(self.value("responsivity_a_per_w"), background)
+        density = shot_noise_per_hertz(self.value("responsivity_a_per_w"), background)
         return _like_input(density * _positive("bit_rate_bps", bit_rate_bps))
 
     def snr(
@@ -297,7 +352,7 @@ class OpticalLink(Parameters):
         at_one_metre = np.asarray(self.snr(1.0, angle, 1.0)) / inverse_q_function(self.target_ber) ** 2
         lit = at_one_metre > 0.0
         excess = np.log(np.where(lit, at_one_metre, 1.0)) - np.log(wanted)
-        slopes = _log_rate_slopes(
+        slopes = log_rate_slopes(
             self.lambertian_order, self.value("attenuation_per_m"), self.option("background") == "surface"
         )
         reachable = lit & (wanted <= (math.inf if self.max_bit_rate_bps is None else self.max_bit_rate_bps))
@@ -363,23 +418,13 @@ def begin(b, j, world) -> None:
     """Reduce the link that the lane has drawn to ln B = a + b ln d + c (d − 1) + e ln cos ψ, its cone and depth."""
     p = b.drawn.link
     fov = p.field_of_view_rad[j]
-    responsivity = p.responsivity_a_per_w[j]
-    attenuation = p.attenuation_per_m[j]
-    order = lambertian_order(p.half_power_angle_rad[j])
-    area = effective_area(p.detector_area_m2[j], p.refractive_index[j], fov, 0.0)
-    loss = channel_loss(attenuation, 1.0)
-    current = responsivity * (radiant_intensity(p.power_w[j], order, 1.0, 0.0) * area * loss)
-    surface = p.background[j] == 0.0
-    irradiance = p.solar_irradiance_w_per_m2_nm[j] * (1.0 if surface else loss * loss)
-    lit = p.detector_area_m2[j] if surface else area
-    background = solar_power(irradiance, p.water_transmittance[j], p.filter_bandwidth_nm[j], lit)
-    noise = shot_noise_per_hertz(responsivity, background)
-    q = world.link.q
-    ln_rate = math.log(current * current / noise / (q * q))
-    slope_log, slope_linear, slope_cos = log_rate_slopes(order, attenuation, surface)
-
-    excess = ln_rate + slope_cos * math.log(math.cos(fov)) - world.link.ln_threshold
-    slant = math.exp(solve_log_range(excess, slope_log, slope_linear))
+    own = reduced(
+        p.power_w[j], p.half_power_angle_rad[j], p.detector_area_m2[j], fov, p.refractive_index[j],
+        p.responsivity_a_per_w[j], p.attenuation_per_m[j], p.filter_bandwidth_nm[j],
+        p.solar_irradiance_w_per_m2_nm[j], p.water_transmittance[j], p.background[j] == 0.0, world.link.q,
+    )  # fmt: skip
+    ln_rate, slope_log, slope_linear, slope_cos = own
+    slant = slant_height(own, fov, world.link.ln_threshold)
     depth = b.drawn.scenario.depth_m[j]
     if depth != depth:
         depth = slant * math.cos(fov)

@@ -11,7 +11,7 @@ from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.compute.elementary import exp, sincos
 from uwoc_gym.compute.records import rows
 from uwoc_gym.compute.rng import draw, normal_pair
-from uwoc_gym.parameters import Number, Parameters, number
+from uwoc_gym.parameters import ANY_ANGLE, Number, Parameters, number
 
 STREAM = 3.0
 STATE = rows("x", "y")
@@ -26,10 +26,17 @@ class Current(Parameters):
     its exact discrete step once every control period.
     """
 
-    speed_mps: Number = number(0.0, "m/s", "speed of the constant part", low=0.0)
-    direction_rad: Number = number(0.0, "rad", "direction towards which the constant part flows")
-    std_mps: Number = number(0.0, "m/s", "standard deviation of the random part on each axis", low=0.0)
-    correlation_time_s: Number = number(60.0, "s", "correlation time of the random part", positive=True)
+    speed_mps: Number = number(0.0, "m/s", "speed of the constant part", low=0.0, high=5.0)
+    direction_rad: Number = number(
+        0.0, "rad", "direction towards which the constant part flows", low=-ANY_ANGLE, high=ANY_ANGLE
+    )
+    std_mps: Number = number(0.0, "m/s", "standard deviation of the random part on each axis", low=0.0, high=2.0)
+    correlation_time_s: Number = number(60.0, "s", "correlation time of the random part", low=0.01, high=1e6)
+
+    @property
+    def fastest_mps(self) -> float:
+        """A speed [m/s] that it exceeds in one of 3000 moments at most: the constant part and four deviations."""
+        return float(np.max(self.speed_mps) + 4.0 * np.max(self.std_mps))
 
     @property
     def random(self) -> bool:

@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.compute.records import block_type, record_at, rows
 from uwoc_gym.parameters import Number, Parameters, choice, number
@@ -19,14 +22,23 @@ from uwoc_gym.parameters import Number, Parameters, choice, number
 class Pulse(Parameters):
     """A force and moment that act for a while: the paper's "current ocean forces" (Case I)."""
 
-    start_s: Number = number(30.0, "s", "time at which the pulse begins", low=0.0, source="paper, Case I")
-    duration_s: Number = number(1.0, "s", "length of the pulse", low=0.0, source="paper, Case I")
-    force_x_n: Number = number(350.0, "N", "force along surge, or along x", source="paper, Case I")
-    force_y_n: Number = number(350.0, "N", "force along sway, or along y", source="paper, Case I")
-    moment_nm: Number = number(350.0, "N m", "yaw moment", source="paper, Case I")
+    start_s: Number = number(30.0, "s", "time at which the pulse begins", low=0.0, high=1e6, source="paper, Case I")
+    duration_s: Number = number(1.0, "s", "length of the pulse", low=0.0, high=1e6, source="paper, Case I")
+    force_x_n: Number = number(350.0, "N", "force along surge, or along x", low=-1e6, high=1e6, source="paper, Case I")
+    force_y_n: Number = number(350.0, "N", "force along sway, or along y", low=-1e6, high=1e6, source="paper, Case I")
+    moment_nm: Number = number(350.0, "N m", "yaw moment", low=-1e7, high=1e7, source="paper, Case I")
     frame: str = choice(
         "body", ("body", "earth"), "frame in which the force is fixed; the paper adds it in the body frame"
     )
+
+    @property
+    def strongest(self) -> npt.NDArray[np.float64]:
+        """The most that it adds along surge, sway and about yaw, shape (3,) [N, N, N m]; one fixed in the earth frame
+        can point along either axis."""
+        x, y, moment = (np.abs(value).max() for value in (self.force_x_n, self.force_y_n, self.moment_nm))
+        if "earth" in self.frame:
+            x = y = np.hypot(x, y)
+        return np.array([x, y, moment])
 
 
 ROWS = rows(*Pulse.drawn())

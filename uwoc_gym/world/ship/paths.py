@@ -8,11 +8,12 @@ paths are computed beside it. Yaw grows from x (north) to y (east): a positive y
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,18 @@ from uwoc_gym.compute.compiled import compiled, inlined
 from uwoc_gym.compute.elementary import atan2, floor, fma, sincos
 from uwoc_gym.compute.records import CLOCK, block_type, record_at, rows
 from uwoc_gym.compute.rng import draw, key_from_seed
-from uwoc_gym.parameters import ChoiceSpec, Number, Parameters, SettingError, choice, number, samples
+from uwoc_gym.given import LIMITS, as_numbers, closest, read_text, shown
+from uwoc_gym.parameters import (
+    ANY_ANGLE,
+    FARTHEST_M,
+    ChoiceSpec,
+    Number,
+    Parameters,
+    SettingError,
+    choice,
+    number,
+    samples,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -47,6 +59,11 @@ SEGMENT_DOUBLES = SEGMENT.itemsize // 8
 COURSE = (0.0, 2.0 * math.pi)
 
 
+def _corners(x: Number, y: Number) -> Array:
+    """The corners of what two numbers may be drawn from, (n, 2)."""
+    return np.stack(np.meshgrid(np.ravel(x), np.ravel(y), indexing="ij"), axis=-1).reshape(-1, 2)
+
+
 class ShipMotion(NamedTuple):
     """The ship's motion in the earth frame at T times, each of shape (T, 3) for x, y, yaw [m, m, rad and per s, s²]."""
 
@@ -68,6 +85,11 @@ class ShipPath(Parameters):
         """Time [s] at which the path ends; infinite unless recorded."""
         return math.inf
 
+    def starts(self) -> Array:
+        """Places at time 0 of which one is the farthest possible from wherever one is, (n, 2) [m]; none if unknown."""
+        own: Any = self
+        return _corners(own.x_m, own.y_m)
+
     def at(self, time_s: npt.ArrayLike, seed: int = 0) -> ShipMotion:
         """Pose, velocity and acceleration at times [s] of shape (T,).
 
@@ -77,11 +99,15 @@ class ShipPath(Parameters):
 
         Raises:
             SettingError: A number of the path is a range, or a choice one of several.
-            ValueError: A time lies outside the path.
+            ValueError: A time isn't a number or lies outside the path.
         """
-        times = np.atleast_1d(np.asarray(time_s, dtype=float))
-        if not (np.isfinite(times) & (times >= 0.0) & (times <= self.end_time_s)).all():
-            raise ValueError(f"time_s must lie in [0, {self.end_time_s:g}] [s].")
+        given = as_numbers(time_s)
+        if given is None or given.ndim > 1 or not ((given >= 0.0) & (given <= self.end_time_s)).all():
+            raise ValueError(
+                f"time_s = {shown(time_s)} is not allowed; it must be a number or of shape (T,), in "
+                f"[0, {self.end_time_s:g}] [s]."
+            )
+        times = np.atleast_1d(given)
         specs = self.specs()
         for name in self.drawn():
             _ = self.option(name) if isinstance(specs[name], ChoiceSpec) else self.value(name)
@@ -104,9 +130,16 @@ class PaperPath(ShipPath):
 
     kind: ClassVar[str] = "paper"
 
-    radius_m: Number = number(10.0, "m", "radius of the circle", low=0.0, source="paper, sec. 4")
-    rate_rad_s: Number = number(0.1, "rad/s", "rate of turning and of the swing", source="paper, sec. 4")
-    swing_rad: Number = number(math.pi / 2, "rad", "amplitude of the heading's swing", source="paper, sec. 4")
+    radius_m: Number = number(10.0, "m", "radius of the circle", low=0.0, high=1e6, source="paper, sec. 4")
+    rate_rad_s: Number = number(
+        0.1, "rad/s", "rate of turning and of the swing", low=-10.0, high=10.0, source="paper, sec. 4"
+    )
+    swing_rad: Number = number(
+        math.pi / 2, "rad", "amplitude of the heading's swing", low=-6.3, high=6.3, source="paper, sec. 4"
+    )
+
+    def starts(self) -> Array:
+        return _corners(0.0, self.radius_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,10 +148,10 @@ class StraightPath(ShipPath):
 
     kind: ClassVar[str] = "straight"
 
-    x_m: Number = number(0.0, "m", "x at time 0")
-    y_m: Number = number(0.0, "m", "y at time 0")
-    course_rad: Number = number(0.0, "rad", "course")
-    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
+    x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(0.0, "rad", "course", low=-ANY_ANGLE, high=ANY_ANGLE)
+    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, high=30.0, source="paper's ship: 1 m/s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,12 +160,21 @@ class CirclePath(ShipPath):
 
     kind: ClassVar[str] = "circle"
 
-    x_m: Number = number(0.0, "m", "x of the centre")
-    y_m: Number = number(0.0, "m", "y of the centre")
-    radius_m: Number = number(10.0, "m", "radius", positive=True, source="paper's ship: 10 m")
-    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
-    start_angle_rad: Number = number(0.0, "rad", "direction from the centre to the ship at time 0")
+    x_m: Number = number(0.0, "m", "x of the centre", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y of the centre", low=-FARTHEST_M, high=FARTHEST_M)
+    radius_m: Number = number(10.0, "m", "radius", low=0.1, high=1e6, source="paper's ship: 10 m")
+    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, high=30.0, source="paper's ship: 1 m/s")
+    start_angle_rad: Number = number(
+        0.0, "rad", "direction from the centre to the ship at time 0", low=-ANY_ANGLE, high=ANY_ANGLE
+    )
     turn: str = choice("starboard", ("starboard", "port"), "side to which the ship turns")
+
+    def starts(self) -> Array:
+        low, high = _corners(self.start_angle_rad, 0.0)[[0, -1], 0]
+        angles = np.linspace(low, high, 361)
+        ring = np.multiply.outer(np.ravel(self.radius_m), np.column_stack([np.cos(angles), np.sin(angles)]))
+        found: Array = _corners(self.x_m, self.y_m)[:, None] + ring.reshape(1, -1, 2)
+        return found.reshape(-1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,13 +187,13 @@ class RandomPath(ShipPath):
 
     kind: ClassVar[str] = "random"
 
-    x_m: Number = number(0.0, "m", "x at time 0")
-    y_m: Number = number(0.0, "m", "y at time 0")
-    course_rad: Number = number(COURSE, "rad", "mean course")
-    speed_mps: Number = number(0.8, "m/s", "mean speed", positive=True)
+    x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(COURSE, "rad", "mean course", low=-ANY_ANGLE, high=ANY_ANGLE)
+    speed_mps: Number = number(0.8, "m/s", "mean speed", low=0.001, high=30.0)
     wander: Number = number(0.6, "1", "speed of the turning vectors over the mean speed", low=0.0, high=0.9)
-    shortest_period_s: Number = number(20.0, "s", "shortest period of a turning vector", positive=True)
-    longest_period_s: Number = number(60.0, "s", "longest period of a turning vector", positive=True)
+    shortest_period_s: Number = number(20.0, "s", "shortest period of a turning vector", low=0.1, high=1e6)
+    longest_period_s: Number = number(60.0, "s", "longest period of a turning vector", low=0.1, high=1e6)
 
     @property
     def random(self) -> bool:
@@ -165,13 +207,17 @@ class LawnMowerPath(ShipPath):
 
     kind: ClassVar[str] = "lawn-mower"
 
-    x_m: Number = number(0.0, "m", "x at time 0")
-    y_m: Number = number(0.0, "m", "y at time 0")
-    course_rad: Number = number(0.0, "rad", "course of the first leg")
-    leg_length_m: Number = number(20.0, "m", "length of a leg", positive=True)
-    spacing_m: Number = number(8.0, "m", "distance between legs", positive=True)
-    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, source="paper's ship: 1 m/s")
+    x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(0.0, "rad", "course of the first leg", low=-ANY_ANGLE, high=ANY_ANGLE)
+    leg_length_m: Number = number(20.0, "m", "length of a leg", low=0.1, high=1e6)
+    spacing_m: Number = number(8.0, "m", "distance between legs", low=0.1, high=1e6)
+    speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, high=30.0, source="paper's ship: 1 m/s")
     turn: str = choice("starboard", ("starboard", "port"), "side of the first turn")
+
+
+FASTEST_MPS = 100.0
+"""Speed from one sample of a recorded path to the next beyond which it isn't a ship's; fast ferries reach 30 m/s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +225,8 @@ class RecordedPath(ShipPath):
     """A recorded path: a cubic spline with continuous acceleration through samples of position and heading.
 
     Velocity and acceleration are the spline's derivatives, hence consistent with the position. Without ``yaw_rad``
-    the heading follows the course over ground.
+    the heading follows the course over ground. A ship that goes faster than 100 m/s from one sample to the next is
+    refused.
     """
 
     kind: ClassVar[str] = "recorded"
@@ -197,33 +244,91 @@ class RecordedPath(ShipPath):
                 raise SettingError(
                     f"RecordedPath.{name} has {len(values)} samples; it must have as many as time_s, {count}."
                 )
-        if count < 4 or self.time_s[0] != 0.0 or not (np.diff(self.time_s) > 0.0).all():
-            raise SettingError("RecordedPath.time_s must be four or more increasing times that start at 0 [s].")
+        if count < 4 or self.time_s[0] != 0.0:
+            raise SettingError(
+                f"RecordedPath.time_s = {shown(self.time_s)} is not allowed; it must be four or more increasing times "
+                "that start at 0 [s]."
+            )
+        with np.errstate(over="ignore", invalid="ignore"):
+            elapsed = np.diff(self.time_s)
+            gone = np.hypot(np.diff(self.x_m), np.diff(self.y_m))
+            late, near = elapsed > 0.0, gone <= FASTEST_MPS * elapsed
+        for i in np.flatnonzero(~late)[:1]:
+            raise SettingError(
+                f"RecordedPath.time_s[{i + 1}] = {self.time_s[i + 1]!r} is not allowed; in row {i + 2} it must be "
+                f"above that of the row before, {self.time_s[i]!r} [s]."
+            )
+        for i in np.flatnonzero(~near)[:1]:
+            raise SettingError(
+                f"RecordedPath.x_m[{i + 1}], y_m[{i + 1}] = {self.x_m[i + 1]!r}, {self.y_m[i + 1]!r} is not allowed; "
+                f"in row {i + 2} it is {gone[i]:.6g} m from the row before, {elapsed[i]:.6g} s later, and its speed "
+                f"must be at most {FASTEST_MPS:g} m/s."
+            )
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Self:
         """Read a CSV file with the columns time_s, x_m, y_m and, optionally, yaw_rad.
 
+        Its rows are counted from 1 below the header, without empty lines.
+
         Raises:
             FileNotFoundError: There is no such file.
-            SettingError: A column is missing or unknown, or a cell isn't a number.
+            SettingError: It can't be read, a column is missing, doubled or unknown, a row has more or fewer cells than
+                the header, a cell isn't a finite number, or the path isn't allowed.
         """
-        with open(path, newline="") as file:
-            rows = list(csv.DictReader(file))
-        columns: dict[str, list[float]] = {}
-        for name in rows[0] if rows else ():
-            try:
-                columns[name] = [float(row[name]) for row in rows]
-            except (TypeError, ValueError):
-                raise SettingError(f"{path}: column {name!r} must hold a number in every row.") from None
-        return cls.from_dict(columns)
+        if not Path(path).exists():
+            raise FileNotFoundError(f"there is no file {str(path)!r}")
+        text = read_text(path)
+        try:
+            return cls.from_dict(_columns(text, list(cls.specs())))
+        except (SettingError, csv.Error) as error:
+            raise SettingError(f"{path}: {error}") from None
 
     @property
     def end_time_s(self) -> float:
         return self.time_s[-1]
 
+    def starts(self) -> Array:
+        return _corners(self.x_m[0], self.y_m[0])
+
     def segments(self) -> Array:
         return _splines(self.time_s, self.x_m, self.y_m, self.yaw_rad)
+
+
+def _columns(text: str, known: list[str]) -> dict[str, list[float]]:
+    """The numbers of a CSV text by column.
+
+    Raises:
+        SettingError: A column is unknown or doubled, or a row or cell isn't as it should be.
+        csv.Error: It isn't CSV.
+    """
+    lines = (row for row in csv.reader(io.StringIO(text, newline="")) if row)
+    names = [name.strip() for name in next(lines, [])]
+    for name in names:
+        if name not in known:
+            raise SettingError(f"there is no column {shown(name)}; {closest(name, known)}")
+        if names.count(name) > 1:
+            raise SettingError(f"column {name!r} stands there {names.count(name)} times; it must be there once.")
+    columns: dict[str, list[float]] = {name: [] for name in names}
+    for i, row in enumerate(lines):
+        if i == LIMITS["samples"].high:
+            raise SettingError(f"row {i + 1} is not allowed; there must be at most {i:_} rows.")
+        if len(row) != len(names):
+            raise SettingError(
+                f"row {i + 1} = {shown(row)} is not allowed; it must have a cell for each of the {len(names)} columns "
+                f"{', '.join(names)}."
+            )
+        for name, cell in zip(names, row, strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                raise SettingError(
+                    f"column {name!r} = {shown(cell)} in row {i + 1} is not allowed; it must be a finite number."
+                )
+            columns[name].append(value)
+    return columns if any(columns.values()) else {}
 
 
 @lru_cache(maxsize=8)
@@ -251,14 +356,17 @@ class CarriedOnPath(ShipPath):
 
     kind: ClassVar[str] = "carried-on"
 
-    x_m: Number = number(0.0, "m", "x at that moment")
-    y_m: Number = number(0.0, "m", "y at that moment")
-    course_rad: Number = number(0.0, "rad", "course at that moment")
-    speed_mps: Number = number(0.0, "m/s", "speed", low=0.0)
-    turn_rad_s: Number = number(0.0, "rad/s", "rate at which the course turns")
-    yaw_rad: Number = number(0.0, "rad", "heading at that moment")
-    yaw_rate_rad_s: Number = number(0.0, "rad/s", "rate at which the heading turns")
-    moment_s: Number = number(0.0, "s", "the moment", low=0.0)
+    x_m: Number = number(0.0, "m", "x at that moment", low=-FARTHEST_M, high=FARTHEST_M)
+    y_m: Number = number(0.0, "m", "y at that moment", low=-FARTHEST_M, high=FARTHEST_M)
+    course_rad: Number = number(0.0, "rad", "course at that moment", low=-ANY_ANGLE, high=ANY_ANGLE)
+    speed_mps: Number = number(0.0, "m/s", "speed", low=0.0, high=30.0)
+    turn_rad_s: Number = number(0.0, "rad/s", "rate at which the course turns", low=-10.0, high=10.0)
+    yaw_rad: Number = number(0.0, "rad", "heading at that moment", low=-ANY_ANGLE, high=ANY_ANGLE)
+    yaw_rate_rad_s: Number = number(0.0, "rad/s", "rate at which the heading turns", low=-10.0, high=10.0)
+    moment_s: Number = number(0.0, "s", "the moment", low=0.0, high=1e6)
+
+    def starts(self) -> Array:
+        return np.empty((0, 2))
 
 
 SHIP_PATHS: tuple[type[ShipPath], ...] = (

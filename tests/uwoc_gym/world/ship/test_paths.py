@@ -292,10 +292,22 @@ def test_recorded_path_from_csv(tmp_path, names):
         ("time_s,x_m\n0,0\n1,1\n2,2\n3,3\n", "RecordedPath needs the setting 'y_m'"),
         ("", "RecordedPath needs the setting 'time_s'"),
         ("time_s,x_m,y_m\n", "RecordedPath needs the setting 'time_s'"),
-        ("time,x_m,y_m\n0,0,0\n", "no setting 'time'; did you mean 'time_s'"),
-        ("time_s,x_m,y_m\n0,0,0\n1,one,1\n", "column 'x_m' must hold a number in every row"),
-        ("time_s,x_m,y_m\n0,0,0\n1,1\n", "column 'y_m' must hold a number in every row"),
-        ("time_s,x_m,y_m\n0,0,0\n1,nan,1\n2,2,2\n3,3,3\n", "RecordedPath.x_m must be .* finite numbers"),
+        ("time,x_m,y_m\n0,0,0\n", "no column 'time'; did you mean 'time_s'"),
+        (
+            "time_s,x_m,y_m\n0,0,0\n1,one,1\n",
+            "column 'x_m' = 'one' in row 2 is not allowed; it must be a finite number",
+        ),
+        (
+            "time_s,x_m,y_m\n0,0,0\n1,1\n",
+            r"row 2 = \['1', '1'\] is not allowed; it must have a cell for each of the 3 columns time_s, x_m, y_m",
+        ),
+        ("time_s,x_m,y_m\n0,0,0\n1,nan,1\n2,2,2\n3,3,3\n", "column 'x_m' = 'nan' in row 2 is not allowed"),
+        ("time_s,x_m,y_m\n0,0,0\n1,1,1\n\n2,2,2,2\n3,3,3\n", r"row 3 = \['2', '2', '2', '2'\] is not allowed"),
+        ("time_s,x_m,x_m,y_m\n0,0,0,0\n", "column 'x_m' stands there 2 times; it must be there once"),
+        ("time_s,x_m,y_m\n0,0,0\n1,1,1\n2,2,202\n3,3,3\n", r"x_m\[2\], y_m\[2\] = 2.0, 202.0 .*row 3 .* 100 m/s"),
+        ("time_s,x_m,y_m\n0,0,0\n1,1,1\n1,2,2\n3,3,3\n", r"time_s\[2\] = 1.0 .*in row 3 it must be above"),
+        ("time_s,x_m,y_m\n0,0,0\n1,1e300,-1e308\n2,1e308,1e308\n3,3,3\n", "100 m/s"),
+        ("time_s,x_m,y_m\n0,\x00,0\n", "is not allowed|NUL"),
     ],
 )
 def test_bad_csv(tmp_path, text, message):
@@ -303,6 +315,12 @@ def test_bad_csv(tmp_path, text, message):
     file.write_text(text)
     with pytest.raises(SettingError, match=message):
         RecordedPath.from_csv(file)
+
+
+def test_csv_may_begin_with_a_byte_order_mark(tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text("\ufefftime_s, x_m, y_m\r\n0,0,0\r\n1,1,1\r\n2,2,2\r\n3,3,3\r\n", encoding="utf-8", newline="")
+    assert RecordedPath.from_csv(file).x_m == (0.0, 1.0, 2.0, 3.0)
 
 
 def test_missing_csv(tmp_path):
@@ -317,16 +335,22 @@ FOUR = [0.0, 1.0, 2.0, 3.0]
     ("changes", "message"),
     [
         ({"time_s": FOUR[:3], "x_m": FOUR[:3], "y_m": FOUR[:3]}, "four or more increasing times that start at 0"),
-        ({"time_s": [0.0, 1.0, 1.0, 2.0]}, "four or more increasing times"),
-        ({"time_s": [0.0, 2.0, 1.0, 3.0]}, "four or more increasing times"),
+        ({"time_s": [0.0, 1.0, 1.0, 2.0]}, r"time_s\[2\] = 1.0 is not allowed; .* above that of the row before, 1.0"),
+        ({"time_s": [0.0, 2.0, 1.0, 3.0]}, r"time_s\[2\] = 1.0 is not allowed"),
         ({"time_s": [1.0, 2.0, 3.0, 4.0]}, "start at 0"),
         ({"x_m": FOUR[:3]}, "RecordedPath.x_m has 3 samples; .* as many as time_s, 4"),
         ({"y_m": [*FOUR, 4.0]}, "RecordedPath.y_m has 5 samples; .* 4"),
         ({"yaw_rad": [0.0]}, "RecordedPath.yaw_rad has 1 samples; .* 4"),
-        ({"x_m": [0.0, math.nan, 2.0, 3.0]}, r"RecordedPath.x_m must be .* finite numbers \[m\]"),
-        ({"yaw_rad": [0.0, math.inf, 2.0, 3.0]}, r"RecordedPath.yaw_rad must be .* finite numbers \[rad\]"),
-        ({"y_m": [[0.0, 1.0], [2.0, 3.0]]}, "RecordedPath.y_m must be a one-dimensional"),
-        ({"y_m": "abcd"}, "RecordedPath.y_m must be a one-dimensional"),
+        (
+            {"x_m": [0.0, math.nan, 2.0, 3.0]},
+            r"RecordedPath.x_m\[1\] = nan is not allowed; it must be a finite number \[m\]",
+        ),
+        (
+            {"yaw_rad": [0.0, math.inf, 2.0, 3.0]},
+            r"RecordedPath.yaw_rad\[1\] = inf is not allowed; it must be a finite number \[rad\]",
+        ),
+        ({"y_m": [[0.0, 1.0], [2.0, 3.0]]}, r"RecordedPath.y_m\[0\] = \[0.0, 1.0\] is not allowed"),
+        ({"y_m": "abcd"}, "RecordedPath.y_m = 'abcd' is not allowed; it must be a one-dimensional"),
     ],
 )
 def test_bad_record(changes, message):
@@ -336,12 +360,12 @@ def test_bad_record(changes, message):
 
 @pytest.mark.parametrize("time", [-0.001, math.nan, math.inf, [1.0, -1.0]])
 def test_time_outside(path, time):
-    with pytest.raises(ValueError, match=r"time_s must lie in \[0, "):
+    with pytest.raises(ValueError, match=r"time_s = .* is not allowed; .* in \[0, "):
         path.at(time)
 
 
 def test_time_after_the_record():
-    with pytest.raises(ValueError, match=r"time_s must lie in \[0, 60\] \[s\]"):
+    with pytest.raises(ValueError, match=r"time_s = .* is not allowed; .* in \[0, 60\] \[s\]"):
         PATHS["recorded"].at([0.0, 60.001])
 
 
