@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.given import SettingError, closest, from_json, read_text, shown
+from uwoc_gym.parameters import ChildSpec, Parameters
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import SCENARIOS, Scenario
 
 BASE = "base"
 """The key by which a file names the scenario that it changes."""
 
-SINCE = frozenset({"action"})
-"""Settings that whole files of earlier versions can't have, and whose default is what these versions did."""
+NAMED = 5
+"""How many of the settings that a file leaves out an error names."""
 
 
 class Said(NamedTuple):
@@ -35,8 +37,8 @@ def said(scenario: str, override: str | None = None, option: str = "--scenario")
     """The scenario that options name.
 
     Args:
-        scenario: A name, an environment ID or the path of a .json file: with every setting of the top level, or with
-            "base", the name of the scenario that the rest of it changes.
+        scenario: A name, an environment ID or the path of a .json file: with every setting, or with "base", the name
+            of the scenario that the rest of it changes.
         override: Further changes: a JSON object or the path of a .json file with one.
         option: What said the scenario, which errors about it begin with.
 
@@ -72,13 +74,15 @@ def _read(given: str) -> Said:
     data = json_object(given, file=True)
     try:
         if BASE not in data:
-            missing = [key for key in Scenario().to_dict() if key not in data.keys() | SINCE]
-            if missing and not data.keys() - Scenario.specs().keys():
+            whole = Scenario.from_dict(data)
+            missing = list(_left_out(whole, data))
+            if missing:
+                more = f" and {len(missing) - NAMED} more settings" if len(missing) > NAMED else ""
                 raise CommandError(
-                    f'{shown(given)} leaves out {", ".join(missing)}; say by "{BASE}" which named scenario it changes, '
-                    "or give it as --override."
+                    f'{shown(given)} leaves out {", ".join(missing[:NAMED])}{more}; say by "{BASE}" which named '
+                    "scenario it changes, or give it as --override."
                 )
-            return Said(path.stem, None, (), Scenario.from_dict(data))
+            return Said(path.stem, None, (), whole)
         name = data.pop(BASE)
         base = named(name) if isinstance(name, str) else None
         if base is None:
@@ -88,6 +92,22 @@ def _read(given: str) -> Said:
         return Said(path.stem, base.base, (data,), base.scenario.merged(data))
     except SettingError as error:
         raise CommandError(f"scenario {shown(given)} is not allowed: {error}") from None
+
+
+def _left_out(own: Parameters, data: Mapping[str, Any], place: str = "") -> Iterator[str]:
+    """Paths of the settings that the data of ``own`` don't say, but for those that earlier versions can't have said."""
+    for name, spec in own.specs().items():
+        path = f"{place}{name}"
+        if name not in data:
+            if not spec.since:
+                yield path
+        elif isinstance(spec, ChildSpec):
+            value = getattr(own, name)
+            if isinstance(value, tuple):
+                for i, (each, said_of_it) in enumerate(zip(value, data[name], strict=True)):
+                    yield from _left_out(each, said_of_it, f"{path}[{i}].")
+            else:
+                yield from _left_out(value, data[name], f"{path}.")
 
 
 def json_object(given: str, file: bool = False) -> dict[str, Any]:

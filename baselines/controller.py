@@ -7,6 +7,7 @@ with the errors η̃ = η_ref − η and ν̃ = η̇_ref − η̇ in the earth f
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -71,27 +72,29 @@ class Controller:
             for name in ("a_p", "b_p", "mu_p", "a_v", "b_v", "mu_v")
         }
         self._informed = np.array([[each.feedforward] for each in self.gain_sets])[axis]
-        known = as_scenario(scenario)
-        self._check_interface(known)
-        self.vehicle = known.vehicle.nominal()
+        chosen = as_scenario(scenario)
+        self._check_interface(chosen)
+        self.vehicle = chosen.vehicle.nominal()
         self.force_limits = self.vehicle.force_limits
-        self.observation_settings = known.observation
+        self.observation_settings = chosen.observation
         self._inertia = self.vehicle.inertia
 
-    def _check_interface(self, known: Scenario) -> None:
+    def _check_interface(self, scenario: Scenario) -> None:
         """Refuse a scenario that doesn't show the law what it needs, or takes other actions."""
         needed = ["ship", "velocity", "heading"]
         if self._informed.any():
             needed.append("ship-acceleration")
         for group in needed:
-            if group not in known.observation.groups:
+            if group not in scenario.observation.groups:
                 without = " or a gain set without feedforward" if group == "ship-acceleration" else ""
                 raise SettingError(
                     f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
                     f"it{without}."
                 )
-        if known.action != "wrench":
-            raise SettingError(f"The law commands three forces, action = 'wrench'; the scenario has {known.action!r}.")
+        if scenario.action != "wrench":
+            raise SettingError(
+                f"The law commands three forces, action = 'wrench'; the scenario has {scenario.action!r}."
+            )
 
     def force(self, observation: npt.ArrayLike) -> Array:
         """The force that the law asks for, before the actuators' limits.
@@ -160,3 +163,37 @@ class Controller:
             size = self.observation_settings.size
             raise ValueError(f"observation has shape {obs.shape}; it must be ({size},) or (N, {size}).")
         return np.clip(self.force(obs) / self.force_limits, -1.0, 1.0).astype(np.float32), state
+
+
+class NLPDController(Controller):
+    """The law with the gains that were calibrated to the paper's nominal NLPD row, unless others are given.
+
+    Examples:
+        >>> controller = NLPDController()
+        >>> action, _ = controller.predict(np.zeros((8, 20), np.float32))
+        >>> action.shape
+        (8, 3)
+    """
+
+    def __init__(
+        self, gains: str | Gains | Sequence[str | Gains] = "nlpd", scenario: str | Scenario = "Nominal"
+    ) -> None:
+        super().__init__(gains, scenario)
+
+
+class PDController(Controller):
+    """The law with every exponent at 1, by default with the paper's gains and feedforward.
+
+    Raises:
+        SettingError: As `Controller`, or a mu of the gain set isn't 1.
+    """
+
+    def __init__(self, gains: str | Gains | Sequence[str | Gains] = "pd", scenario: str | Scenario = "Nominal") -> None:
+        super().__init__(gains, scenario)
+        for gain_set, name in itertools.product(self.gain_sets, ("mu_p", "mu_v")):
+            exponents = getattr(gain_set, name)
+            if exponents != (1.0, 1.0, 1.0):
+                raise SettingError(
+                    f"Gains.{name} = {exponents!r} is not allowed for a PDController; every exponent must be 1 "
+                    "(NLPDController takes those below)."
+                )

@@ -53,4 +53,4 @@ def test_the_effect_that_is_added_from_nothing_works(tmp_path: Path) -> None:
         [*command, *chosen], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "4 passed" in done.stdout
+    assert "6 passed" in done.stdout

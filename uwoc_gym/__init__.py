@@ -6,7 +6,7 @@ Importing this package registers the environment IDs; ``gym.make("uwoc_gym:uwoc/
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.parameters import Range, SettingError
 from uwoc_gym.registry import ENV_IDS, register_envs
-from uwoc_gym.scenario import SCENARIOS, Scenario
+from uwoc_gym.scenario import SCENARIOS, Scenario, name_scenario
 from uwoc_gym.sim.fleet import Fleet
 from uwoc_gym.task.ending import EpisodeSettings
 from uwoc_gym.task.observation import ObservationSettings, unpack
@@ -60,6 +60,7 @@ __all__ = [
     "TrackingEnv",
     "TrackingVectorEnv",
     "Vehicle",
+    "name_scenario",
     "register_envs",
     "unpack",
 ]

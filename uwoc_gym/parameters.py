@@ -44,6 +44,8 @@ class _Spec:
     """How the value of one field is parsed, described and written."""
 
     description: str = ""
+    since: str = dataclasses.field(default="", kw_only=True)
+    """The version that brought it, if not the first: what was written before can't say it."""
 
     @property
     def differs(self) -> bool:
@@ -263,6 +265,7 @@ def number(
     randomisable: bool = True,
     optional: bool = False,
     source: str = "",
+    since: str = "",
 ) -> Any:
     """A dataclass field for a number [unit] in [low, high], beyond which no vehicle, sea or light is."""
     spec = NumberSpec(
@@ -273,24 +276,28 @@ def number(
         randomisable=randomisable,
         optional=optional,
         source=source,
+        since=since,
     )
     return dataclasses.field(default=cast(Any, default), metadata={"spec": spec})
 
 
-def flag(default: bool, description: str) -> Any:
+def flag(default: bool, description: str, *, since: str = "") -> Any:
     """A dataclass field for a switch."""
-    return dataclasses.field(default=default, metadata={"spec": FlagSpec(description=description)})
+    return dataclasses.field(default=default, metadata={"spec": FlagSpec(description=description, since=since)})
 
 
-def choice(default: str, options: tuple[str, ...], description: str, *, randomisable: bool = True) -> Any:
+def choice(
+    default: str, options: tuple[str, ...], description: str, *, randomisable: bool = True, since: str = ""
+) -> Any:
     """A dataclass field for one of a few names; unless `randomisable` is off, several of them are drawn from."""
-    spec = ChoiceSpec(description=description, options=options, randomisable=randomisable)
+    spec = ChoiceSpec(description=description, options=options, randomisable=randomisable, since=since)
     return dataclasses.field(default=default, metadata={"spec": spec})
 
 
-def names(default: tuple[str, ...], options: tuple[str, ...], description: str) -> Any:
+def names(default: tuple[str, ...], options: tuple[str, ...], description: str, *, since: str = "") -> Any:
     """A dataclass field for some of a few names, in an order that matters."""
-    return dataclasses.field(default=default, metadata={"spec": NamesSpec(description=description, options=options)})
+    spec = NamesSpec(description=description, options=options, since=since)
+    return dataclasses.field(default=default, metadata={"spec": spec})
 
 
 def samples(unit: str, description: str, *, optional: bool = False) -> Any:
@@ -308,9 +315,10 @@ def child(
     *,
     many: bool = False,
     one_or_many: bool = False,
+    since: str = "",
 ) -> Any:
     """A dataclass field for other parameters; `many` for a tuple of them, `one_or_many` for alternatives."""
-    spec = ChildSpec(description=description, types=types, many=many, one_or_many=one_or_many)
+    spec = ChildSpec(description=description, types=types, many=many, one_or_many=one_or_many, since=since)
     return dataclasses.field(default=default, metadata={"spec": spec})
 
 
@@ -335,6 +343,20 @@ class Parameters:
 
     def _check(self) -> None:
         """Checks that involve several fields; subclasses raise `SettingError` here."""
+
+    @property
+    def random(self) -> bool:
+        """Whether it makes episodes differ from seed to seed even where all its settings are single values."""
+        return False
+
+    def family(self) -> Iterator[Parameters]:
+        """These parameters and all below them."""
+        yield self
+        for name, spec in self.specs().items():
+            if isinstance(spec, ChildSpec):
+                value = getattr(self, name)
+                for each in value if isinstance(value, tuple) else (value,):
+                    yield from each.family()
 
     def derived(self) -> dict[str, float]:
         """What compiled code needs besides the settings themselves, by name."""

@@ -6,13 +6,15 @@ import gymnasium as gym
 
 from uwoc_gym.scenarios import SCENARIOS
 
-ENV_IDS: dict[str, str] = {f"uwoc/{name}-v0": name for name in SCENARIOS}
-"""Scenario name by environment ID."""
+ENV_IDS: dict[str, str] = {}
+"""Scenario name by environment ID, of all that is registered."""
 
 
 def register_envs() -> None:
-    """Register every ID with Gymnasium; safe to call again."""
-    for env_id, name in ENV_IDS.items():
+    """Register an ID for every named scenario with Gymnasium; call it again for those that `name_scenario` adds."""
+    for name in SCENARIOS:
+        env_id = f"uwoc/{name}-v0"
+        ENV_IDS[env_id] = name
         if env_id not in gym.registry:
             # No max_episode_steps: an ID can be made with another duration or control period, and the
             # environments truncate by themselves.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,7 +27,6 @@ from uwoc_gym.world.ship.paths import (
     SHIP_PATHS,
     CarriedOnPath,
     PaperPath,
-    RandomPath,
     ShipPath,
 )
 
@@ -66,7 +66,7 @@ class Scenario(Parameters):
     observation: ObservationSettings = child(
         ObservationSettings(), (ObservationSettings,), "what is observed, and its scales"
     )
-    action: str = choice("wrench", tuple(KINDS), "kind of action", randomisable=False)
+    action: str = choice("wrench", tuple(KINDS), "kind of action", randomisable=False, since="0.2.0")
 
     def _check(self) -> None:
         for path in self.ship_paths:
@@ -136,16 +136,14 @@ class Scenario(Parameters):
         """Names of the actions, in their order."""
         return KINDS[self.action]
 
+    def derived(self) -> dict[str, float]:
+        """How many actions there are."""
+        return {"actions": len(self.actions)}
+
     @property
     def draws(self) -> bool:
         """Whether episodes differ from seed to seed."""
-        noise = [self.sea.current.std_mps, *(value for _, value in self.sensors.numbers())]
-        return (
-            self != self.midpoint()
-            or len(self.ship_paths) > 1
-            or any(isinstance(path, RandomPath) for path in self.ship_paths)
-            or any(value != 0.0 for value in noise)
-        )
+        return self != self.midpoint() or len(self.ship_paths) > 1 or any(each.random for each in self.family())
 
     @classmethod
     def named(cls, name: str) -> Scenario:
@@ -223,11 +221,18 @@ DESCRIPTIONS: dict[str, str] = {}
 
 
 def name_scenario(name: str, description: str, scenario: Scenario) -> None:
-    """Put a scenario among the named ones.
+    """Put a scenario among the named ones; `uwoc_gym.register_envs` then gives it the ID ``uwoc/<name>-v0``.
+
+    Args:
+        name: Letters, digits, ``_``, ``.`` and ``-``.
+        description: What it is, in a line.
+        scenario: The scenario.
 
     Raises:
-        SettingError: Another scenario has that name.
+        SettingError: The name isn't allowed, or another scenario has it.
     """
+    if not re.fullmatch(r"[\w.-]+", name):
+        raise SettingError(f"name = {name!r} is not allowed; it must be of letters, digits, '_', '.' and '-'.")
     if name in SCENARIOS and SCENARIOS[name] != scenario:
         raise SettingError(f"There is another scenario called {name!r}; choose another name.")
     SCENARIOS[name] = scenario

@@ -93,7 +93,8 @@ def build_scenario(
     if scenario_digest is not None and scenario_digest != built.digest():
         warnings.warn(
             f"scenario_digest = {scenario_digest!r} was recorded of another scenario than this, whose digest is "
-            f"{built.digest()!r}: the arguments or the package's version differ.",
+            f"{built.digest()!r}: the arguments or the package's version differ. Where that is meant, "
+            "scenario_digest=None among the arguments leaves the comparison out.",
             stacklevel=3,
         )
     return built

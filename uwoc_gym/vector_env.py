@@ -33,7 +33,9 @@ from uwoc_gym.spaces import (
 Observations = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
-_REWARD, _IN_CONE, _SUCCESS = (MEASURE_NAMES.index(name) for name in ("reward", "in_cone", "is_success"))
+_REWARD = MEASURE_NAMES.index("reward")
+_FLAGS = [MEASURE_NAMES.index(name) for name in FLAGS]
+_TERMINATED, _TRUNCATED = (FLAGS.index(name) for name in ("terminated", "truncated"))
 _MODES = {
     AutoresetMode.NEXT_STEP: Autoreset.NEXT_STEP,
     AutoresetMode.SAME_STEP: Autoreset.SAME_STEP,
@@ -180,7 +182,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """Keep at hand the keys of `info`, until the fleet is configured anew."""
         self.info_names = info_names(self._fleet.scenario)
         """Keys of `info` at every step."""
-        self._shown = [(name, MEASURE_NAMES.index(name)) for name in self.info_names]
+        self._shown = [(name, MEASURE_NAMES.index(name)) for name in self.info_names if name not in FLAGS]
+        self._shown_flags = [(name, FLAGS.index(name)) for name in self.info_names if name in FLAGS]
         self._masks: dict[str, Any] = {f"_{name}": self._all for name in self.info_names}
 
     def _reset_mask(self, mask: Any) -> npt.NDArray[np.bool_]:
@@ -235,10 +238,10 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         flags = np.empty((len(FLAGS), self.num_envs), dtype=np.bool_)
         finals = np.empty_like(observations) if self._same_step else None
         ends = self._fleet.step(given, observations, out, flags, finals)
-        terminated, truncated, in_cone, success = flags
+        terminated, truncated = flags[_TERMINATED], flags[_TRUNCATED]
         if self.renderers:
             self._picture()
-        infos = self._infos(out, in_cone, success)
+        infos = self._infos(out, flags)
         if not ends:
             return observations, out[_REWARD], terminated, truncated, infos
         diverged = self._fleet.diverged
@@ -267,15 +270,15 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
 
     def _present_infos(self) -> dict[str, Any]:
         measures = self._fleet.measures()
-        return self._infos(measures, measures[_IN_CONE] > 0.0, measures[_SUCCESS] > 0.0)
+        return self._infos(measures, measures[_FLAGS] > 0.0)
 
-    def _infos(self, measures: Array, in_cone: npt.NDArray[np.bool_], success: npt.NDArray[np.bool_]) -> dict[str, Any]:
+    def _infos(self, measures: Array, flags: npt.NDArray[np.bool_]) -> dict[str, Any]:
         """The info of all environments: an array and a mask that is True everywhere for each name."""
         infos = self._masks.copy()
         for name, row in self._shown:
             infos[name] = measures[row]
-        infos["in_cone"] = in_cone
-        infos["is_success"] = success
+        for name, row in self._shown_flags:
+            infos[name] = flags[row]
         return infos
 
     def state(self) -> dict[str, npt.NDArray[Any]]:

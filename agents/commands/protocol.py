@@ -17,7 +17,7 @@ from uwoc_gym.agents.learning.seeds import HELD_OUT, RUNS
 from uwoc_gym.agents.options import add_scenario_arguments, scenarios_of, whole
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import comparison, figures, files
-from uwoc_gym.baselines.controllers import CONTROLLERS as CONTROLLED
+from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.registry import ENV_IDS
 
 HELP = "train every group of agents from several seeds and compare them with the controllers on held-out seeds"
@@ -28,7 +28,7 @@ examples:
   uwoc-gym protocol --runs runs/protocol --out benchmark --ship trained
 """
 
-CONTROLLERS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
+RIVALS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
 """The controllers that fly beside the groups."""
 
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     """Train what is missing, fly everything and report; returns the exit status."""
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
     scenarios = scenarios_of(args)
-    check_flights([CONTROLLED[name] for name in CONTROLLERS], scenarios, min(args.seeds, protocol.BATCH))
+    check_flights([CONTROLLERS[name] for name in RIVALS], scenarios, min(args.seeds, protocol.BATCH))
     folder, runs = files.output_folder(args.out), files.output_folder(args.runs, "--runs")
     if args.ship:
         files.output_folder(args.ship, "--ship")
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     if args.ship:
         for group, own in folders.items():
             protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
-    policies = {name: [name] for name in CONTROLLERS}
+    policies = {name: [name] for name in RIVALS}
     policies |= {group: [str(path) for path in own] for group, own in folders.items()}
     scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], args.jobs)
     results: dict[str, Any] = {

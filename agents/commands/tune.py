@@ -33,7 +33,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument("target", choices=(*tuning.CONTROLLERS, *tuning.LEARNERS), help="what to tune")
+    parser.add_argument("target", choices=(*tuning.GAIN_BOXES, *tuning.LEARNERS), help="what to tune")
     add_scenario_arguments(parser, None, "what it is tuned on, by default Random: ")
     parser.add_argument("--env", metavar="ID", help="an environment of another package that a learner is tuned on")
     parser.add_argument(
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Search and report; returns the exit status."""
     require("optuna", "cmaes", "tqdm")
-    found = _gains(args) if args.target in tuning.CONTROLLERS else _settings(args)
+    found = _gains(args) if args.target in tuning.GAIN_BOXES else _settings(args)
     if not found.finished:
         print("uwoc-gym tune: interrupted; --resume goes on", file=sys.stderr)
         return interrupts.status()
@@ -76,7 +76,7 @@ def _gains(args: argparse.Namespace) -> Found:
     name, _, _, scenario = said("Random" if args.scenario is None else args.scenario, args.override)
     check_flights([CONTROLLERS[args.target]], {name: scenario}, args.batch * args.episodes)
     folder = files.output_folder(args.out)
-    box = tuning.CONTROLLERS[args.target]
+    box = tuning.GAIN_BOXES[args.target]
     problem = {
         "target": args.target, "seed": args.seed, "scenario": scenario.to_dict(), "episodes": args.episodes,
     }  # fmt: skip

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
@@ -14,6 +12,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper,
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.modules import import_here
 from uwoc_gym.agents.policies.archive import Normalisation, Statistics
 from uwoc_gym.agents.policies.residual import CONTROLS, check_actions, checked_scale, corrected
 from uwoc_gym.baselines import Controller
@@ -108,16 +107,12 @@ def base_scenario(env_id: str) -> Scenario | None:
         CommandError: There is no environment of that ID.
     """
     module, _, bare = env_id.rpartition(":")
-    # Console scripts, unlike `python -m`, don't look in the working folder.
-    sys.path.insert(0, "")
     try:
         if module:
-            importlib.import_module(module)
+            import_here(module)
         gym.spec(bare)
     except (gym.error.Error, ImportError) as error:
         raise CommandError(f"--env {env_id!r} is not allowed: {error}") from None
-    finally:
-        sys.path.remove("")
     try:
         env = TrackingVecEnv(env_id, 1)
     except SettingError as error:

@@ -35,7 +35,7 @@ NLPD_BOX = PD_BOX | {
     }.items()
 }
 
-CONTROLLERS: dict[str, Mapping[str, Dimension]] = {"pd": PD_BOX, "nlpd": NLPD_BOX}
+GAIN_BOXES: dict[str, Mapping[str, Dimension]] = {"pd": PD_BOX, "nlpd": NLPD_BOX}
 """The controllers whose gains can be searched for, and where; their own gains are tried first."""
 
 _ON_POLICY = {

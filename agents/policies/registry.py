@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import os
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.modules import import_here
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.baselines.controllers import CONTROLLERS
@@ -41,9 +40,9 @@ def load(name: str, trust: bool = False) -> Policy:
 
     Args:
         name: A name in `POLICIES`, the folder of a training run (its best model flies), the path of a zip file saved
-            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with the scenario and returns
-            an object with Stable-Baselines3's ``predict``. What the file of an agent says is rebuilt: frozen
-            normalisation, stacked frames, a controller that is corrected.
+            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with what is known of the
+            scenario (`Scenario.known`) and returns an object with Stable-Baselines3's ``predict``. What the file of an
+            agent says is rebuilt: frozen normalisation, stacked frames, a controller that is corrected.
         trust: Whether to load files that hold pickled objects too, and so to run whatever is in them: those that
             Stable-Baselines3 alone has saved, and agents of version 0.1. This package's own agents need none of that;
             "module:callable" is code, and is run in any case.
@@ -66,16 +65,12 @@ def load(name: str, trust: bool = False) -> Policy:
 
 def _callable(name: str) -> Policy:
     module_name, _, attribute = name.partition(":")
-    # Console scripts, unlike `python -m`, don't look in the working folder.
-    sys.path.insert(0, "")
     try:
-        found: Any = importlib.import_module(module_name)
+        found: Any = import_here(module_name)
         for part in attribute.split("."):
             found = getattr(found, part)
     except Exception as error:
         raise CommandError(f"policy {name!r} can't be imported: {type(error).__name__}: {error}") from None
-    finally:
-        sys.path.remove("")
     if not callable(found):
         raise CommandError(f"policy {name!r} is not callable; it must take a scenario and return a policy.")
 

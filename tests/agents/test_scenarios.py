@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from uwoc_gym import Scenario
+from uwoc_gym import Pulse, Scenario
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.learning.plans import Wish, planned
@@ -45,7 +45,8 @@ def test_overrides_go_over_all_of_them(tmp_path: Path) -> None:
 
 
 def test_whole_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
-    earlier = {key: value for key, value in RANDOM.to_dict().items() if key != "action"}
+    earlier = RANDOM.to_dict()
+    del earlier["action"], earlier["observation"]["groups"]
     assert said(_file(tmp_path, earlier)).scenario == RANDOM
 
 
@@ -55,6 +56,18 @@ def test_whole_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
         (SHORT, ["leaves out link, vehicle", '"base"', "--override"]),
         ({}, ["leaves out link", '"base"']),
         ({key: value for key, value in RANDOM.to_dict().items() if key != "sea"}, ["leaves out sea;"]),
+        (
+            {**RANDOM.to_dict(), "vehicle": {"mass_scale": 1.3}},
+            ["leaves out vehicle.mass_surge_kg, ", " more settings; "],
+        ),
+        (
+            {**RANDOM.to_dict(), "ship": {"kind": "straight", "x_m": 1.0, "y_m": 2.0}},
+            ["leaves out ship.course_rad, ship.speed_mps;"],
+        ),
+        (
+            {**RANDOM.to_dict(), "sea": {"pulses": [{**Pulse().to_dict()}, {"start_s": 3.0}], "current": {}}},
+            ["leaves out sea.pulses[1].duration_s, "],
+        ),
         ({"base": "Randm"}, ["base = 'Randm'", "did you mean 'Random'?"]),
         ({"base": "Random", "episod": {}}, ["did you mean 'episode'?"]),
         ({"episod": {}}, ["did you mean 'episode'?"]),

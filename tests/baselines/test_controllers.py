@@ -14,7 +14,7 @@ from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDContr
 from uwoc_gym.baselines.controller import gain
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.sim.fleet import Fleet
-from uwoc_gym.sim.layout import OUT_ROWS
+from uwoc_gym.sim.layout import FLAGS, OUT_ROWS
 
 SIZE = Scenario().observation.size
 PAPER_CLOCK = {"episode": {"control_period_s": 0.005, "integration_step_s": 0.005}}
@@ -250,7 +250,7 @@ def fly(controller: Controller, scenario: Scenario) -> tuple[float, np.ndarray, 
     fleet = Fleet(scenario, n)
     fleet.seed(np.arange(n), [0])
     obs, out = np.empty((n, SIZE), np.float32), np.empty((OUT_ROWS, n))
-    flags = np.empty((4, n), np.bool_)
+    flags = np.empty((len(FLAGS), n), np.bool_)
     fleet.reset(obs)
     errors, largest = [], 0.0
     arrival = np.nan

@@ -5,6 +5,9 @@ import pickle
 import re
 import subprocess
 import sys
+import warnings
+from contextlib import ExitStack
+from unittest.mock import patch
 
 import gymnasium as gym
 import numpy as np
@@ -14,6 +17,7 @@ from gymnasium.wrappers import FrameStackObservation, NormalizeObservation, Reco
 
 import uwoc_gym
 from uwoc_gym import ENV_IDS, SettingError, TrackingEnv
+from uwoc_gym.scenario import DESCRIPTIONS
 from uwoc_gym.sim.layout import info_names
 from uwoc_gym.spaces import action_space, observation_space
 from uwoc_gym.task.action import KINDS
@@ -48,6 +52,32 @@ def test_registering_again_changes_nothing():
     before = dict(gym.registry)
     uwoc_gym.register_envs()
     assert dict(gym.registry) == before
+
+
+def test_a_scenario_of_ones_own_becomes_an_id():
+    mine = uwoc_gym.Scenario(vehicle=uwoc_gym.Vehicle(mass_scale=1.3))
+    with ExitStack() as stack:
+        for register in (uwoc_gym.SCENARIOS, DESCRIPTIONS, ENV_IDS, gym.registry):
+            stack.enter_context(patch.dict(register))
+        uwoc_gym.name_scenario("Mine", "with a heavier vehicle", mine)
+        uwoc_gym.register_envs()
+        assert ENV_IDS["uwoc/Mine-v0"] == "Mine"
+        assert gym.make("uwoc/Mine-v0").unwrapped.scenario == mine
+        assert gym.make_vec("uwoc/Mine-v0", num_envs=2).unwrapped.scenario == mine
+        with pytest.raises(SettingError, match=r"name = 'my own' is not allowed; it must be of letters, digits"):
+            uwoc_gym.name_scenario("my own", "no ID can be made of it", mine)
+    assert "uwoc/Mine-v0" not in gym.registry
+
+
+def test_a_spec_that_is_varied_says_how_to_do_so_in_silence():
+    spec = gym.make("uwoc/Nominal-v0").spec
+    heavy = {"vehicle": {"mass_scale": 1.3}}
+    with pytest.warns(UserWarning, match=r"Where that is meant, scenario_digest=None among the arguments"):
+        gym.make(spec, scenario=heavy)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make(spec, scenario=heavy, scenario_digest=None)
+    assert env.unwrapped.scenario.vehicle.mass_scale == 1.3
 
 
 def test_observation_table_matches_the_space():

@@ -9,18 +9,18 @@ import numba
 import pytest
 
 from uwoc_gym.compute.records import View
+from uwoc_gym.sim import layout
 from uwoc_gym.sim.layout import BLOCK, WORLD
-from uwoc_gym.task import action, ending, observation, reward
-from uwoc_gym.world.auv import horizontal, sensors, start
-from uwoc_gym.world.optics import link
-from uwoc_gym.world.sea import current, pulses
-from uwoc_gym.world.ship import paths
+from uwoc_gym.task import observation, reward
+from uwoc_gym.world.auv import start
+from uwoc_gym.world.sea import pulses
 
 pytest.importorskip("numba_cuda", reason='needs pip install "numba-cuda[cu13]"')
 cuda = pytest.importorskip("numba.cuda")
 
 COMPUTE_CAPABILITY = (9, 0)
-MODULES = (action, current, ending, link, observation, pulses, reward, sensors, paths, start, horizontal)
+MODULES = {*layout.MODULES.values(), observation, pulses, reward, start}
+"""Every effect, and what has kernel functions besides."""
 TYPES = {
     "b": View(BLOCK),
     "j": numba.int64,
@@ -32,7 +32,7 @@ TYPES = {
 }
 FUNCTIONS = {
     f"{module.__name__.rpartition('.')[2]}.{name}": each.py_func
-    for module in MODULES
+    for module in sorted(MODULES, key=lambda module: module.__name__)
     for name, each in vars(module).items()
     if hasattr(each, "py_func") and each.py_func.__module__ == module.__name__
     if list(inspect.signature(each.py_func).parameters)[:2] == ["b", "j"] and not name.startswith("_")

@@ -90,16 +90,15 @@ class Fleet:
         self.configure(scenario, max_episode_steps)
 
     def configure(self, scenario: Scenario, max_episode_steps: int | None = None) -> None:
-        """Change the scenario; takes effect for each simulation when it is next reset, so reset all of them."""
+        """Change the scenario; nothing but seeds and episode numbers is left, so reset all simulations."""
         self.scenario = scenario
         self.max_episode_steps = max_episode_steps or scenario.episode.steps
         old: layout.Memory | None = getattr(self, "_memory", None)
         self._memory = layout.build(scenario, self.size, self.max_episode_steps, self.autoreset)
         self._drawn = _drawn(scenario)
         if old is not None:
-            # Seeds and episodes go on; pulses come last, so that all other rows keep their places.
-            kept = min(old.rows.shape[1], self._memory.rows.shape[1])
-            self._memory.rows[:, :kept] = old.rows[:, :kept]
+            # Seeds and episodes go on. All else is 0, since nothing writes the rows of an effect that doesn't act.
+            self._memory.blocks["random"]["all"] = old.blocks["random"]["all"]
         self._memory.blocks["origin"]["scenario"] = self._origin = layout.origin(scenario)
 
     def _get(self, group: str, name: str) -> Array:
@@ -112,7 +111,7 @@ class Fleet:
 
     @property
     def single(self) -> Array:
-        """A live view of the measures of simulation 0, shape (16,), in the order of `MEASURE_NAMES`."""
+        """A live view of the measures of simulation 0, shape (measures,), in the order of `MEASURE_NAMES`."""
         return self._memory.rows[0, FIRST_OUT : FIRST_OUT + OUT_ROWS, 0]
 
     @property
@@ -481,8 +480,8 @@ class Fleet:
         Args:
             actions: Shape (N, 3), float32; clipped to [-1, 1] and scaled by the actuators' limits.
             observations: Written to, shape (N, size), float32.
-            out: Written to, shape (16, N): the measures before any autoreset, in the order of `MEASURE_NAMES`.
-            flags: Written to, shape (4, N): terminated, truncated, in the cone, success, before any autoreset.
+            out: Written to, shape (measures, N): the measures before any autoreset, in the order of `MEASURE_NAMES`.
+            flags: Written to, shape (flags, N): those that are true or false, in the order of `FLAGS`.
             finals: Written to where a simulation ended and began anew in this step, shape (N, size), float32.
 
         Returns:
@@ -541,7 +540,7 @@ class Fleet:
         self._memory = layout.view(state["_memory"])
 
     def measures(self) -> Array:
-        """The present measures of all simulations, shape (16, N), in the order of `MEASURE_NAMES`."""
+        """The present measures of all simulations, shape (measures, N), in the order of `MEASURE_NAMES`."""
         rows = self._memory.rows[:, FIRST_OUT : FIRST_OUT + OUT_ROWS]
         return rows.transpose(1, 0, 2).reshape(OUT_ROWS, -1)[:, : self.size].copy()
 

@@ -87,7 +87,15 @@ def _merged(groups: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
 
 MEASURES = _declared("MEASURE")
-OUT = {"measure": _merged(MEASURES), "total": rows("cost"), "term": reward.TERM, "outcome": ending.OUTCOME}
+COSTS = _declared("COST")
+OUT = {
+    # A single cost is the sum of all.
+    **({"cost": _merged(COSTS)} if len(_merged(COSTS)) > 1 else {}),
+    "measure": _merged(MEASURES),
+    "total": rows("cost"),
+    "term": reward.TERM,
+    "outcome": ending.OUTCOME,
+}
 """The rows that a step hands out."""
 
 SPEC: Spec = {
@@ -97,7 +105,7 @@ SPEC: Spec = {
     "wrench": horizontal.WRENCH,
     "path": paths.PATH,
     **_declared("STATE"),
-    "cost": _merged(_declared("COST")),
+    "cost": _merged(COSTS),
     **OUT,
     "observed": observation.OBSERVED,
     "drawn": _drawn(),
@@ -113,7 +121,7 @@ DRAW_DOUBLES = DRAW.itemsize // 8
 BLOCK_DOUBLES = BLOCK.itemsize // 8
 ROW = dict(row_numbers(SPEC))
 """Number of each row by its dotted name."""
-FIRST_OUT = ROW[f"measure.{next(iter(OUT['measure']))}"]
+FIRST_OUT = next(ROW[f"{group}.{name}"] for group, own in OUT.items() for name in own)
 OUT_ROWS = sum(count(group) for group in OUT.values())
 ORIGIN = ROW["origin.scenario"]
 """The row that says of which scenario a state is."""
@@ -122,25 +130,36 @@ CURRENT = [ROW["current.x"], ROW["current.y"], ROW["drawn.current.speed_mps"], R
 DRAWN_SHIP = (ROW["drawn.ship.choice"], ROW["drawn.ship.choice"] + count(SPEC["drawn"]["ship"]))
 """First of the rows of the ship's path, and the one after the last."""
 
-MEASURE_NAMES = (*OUT["measure"], "cost", *(f"reward_{name}" for name in reward.TERM), *ending.OUTCOME)
+_PREFIXES = {"cost": "cost_", "term": "reward_"}
+MEASURE_NAMES = tuple(f"{_PREFIXES.get(group, '')}{name}" for group, own in OUT.items() for name in own)
 """Names of the measures that a step writes out, in their order."""
 
 FLAGS = ("terminated", "truncated", "in_cone", "is_success")
 """The measures that are true or false."""
 
+FLAG_ROWS = tuple(FIRST_OUT + MEASURE_NAMES.index(name) for name in FLAGS)
+"""Numbers of their rows."""
+
 
 def info_names(scenario: Scenario) -> tuple[str, ...]:
     """Keys of `info` at every step, in the order of the measures.
 
-    What an effect measures is shown where it acts, and a reward term whose weight is 0 by default where it has one, so
-    that what is new doesn't change old worlds.
+    What an effect measures is shown where it acts, what it costs where another costs too, and a reward term whose
+    weight is 0 by default where it has one, so that what is new doesn't change old worlds.
     """
     weights = (RewardSettings(), scenario.reward)
     silent = {f"reward_{name}" for name in reward.TERM if all(getattr(each, name) == 0.0 for each in weights)}
     for name, own in MEASURES.items():
-        if name in COMPONENTS and not component(scenario, name).fixed_values().get("acts", True):
+        if not _acts(scenario, name):
             silent |= set(own)
+    costs = {f"cost_{cost}" for name, own in COSTS.items() if _acts(scenario, name) for cost in own}
+    silent |= {f"cost_{cost}" for cost in _merged(COSTS)} - (costs if len(costs) > 1 else set())
     return tuple(name for name in MEASURE_NAMES if name not in {"reward", "terminated", "truncated"} | silent)
+
+
+def _acts(scenario: Scenario, name: str) -> bool:
+    """Whether an effect is executed."""
+    return name not in COMPONENTS or bool(component(scenario, name).fixed_values().get("acts", True))
 
 
 class _Layout(NamedTuple):

@@ -19,6 +19,7 @@ from uwoc_gym.sim.layout import (
     DRAW_DOUBLES,
     DRAWN_SHIP,
     FIRST_OUT,
+    FLAG_ROWS,
     OUT_ROWS,
     ROW,
     WORLD,
@@ -114,7 +115,7 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
     if world.scenario.action == action.WRENCH:
         for j in range(lanes):
             action.take_wrench(b, j, numbers, first_lane + j)
-    else:
+    elif world.scenario.action == action.SURGE_YAW:
         for j in range(lanes):
             action.take_surge_yaw(b, j, numbers, first_lane + j)
     for j in range(lanes):
@@ -345,11 +346,13 @@ def step(memory, actions, observations, out, flags, finals, first, last):
             target = out[i, begin : begin + lanes]
             for j in range(lanes):
                 target[j] = source[j]
+        for i in range(len(FLAG_ROWS)):
+            row = FLAG_ROWS[i] * STRIDE
+            source = s[row : row + lanes]
+            told = flags[i, begin : begin + lanes]
+            for j in range(lanes):
+                told[j] = source[j] > 0.0
         for j in range(lanes):
-            flags[0, begin + j] = b.outcome.terminated[j] > 0.0
-            flags[1, begin + j] = b.outcome.truncated[j] > 0.0
-            flags[2, begin + j] = b.measure.in_cone[j] > 0.0
-            flags[3, begin + j] = b.outcome.is_success[j] > 0.0
             ends += 1 if b.ending.ended[j] > 0.0 else 0
         if autoreset == 2:
             for j in range(lanes):

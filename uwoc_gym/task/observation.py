@@ -33,8 +33,8 @@ class Entry(NamedTuple):
     unit: str
     low: float
     high: float
-    scale: str
-    """Name of the scale in `ObservationSettings`, or empty for entries without one."""
+    scale: str | float = 1.0
+    """The value in its unit that stands as 1: a number, or the name of one in `ObservationSettings`."""
 
 
 _POSITION, _VELOCITY, _YAW_RATE = "position_scale_m", "velocity_scale_mps", "yaw_rate_scale_rad_s"
@@ -44,8 +44,8 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
     "ship": (
         Entry("ship position ahead", "m", -LIMIT, LIMIT, _POSITION),
         Entry("ship position to starboard", "m", -LIMIT, LIMIT, _POSITION),
-        Entry("cosine of ship heading relative to AUV", "1", -1.0, 1.0, ""),
-        Entry("sine of ship heading relative to AUV", "1", -1.0, 1.0, ""),
+        Entry("cosine of ship heading relative to AUV", "1", -1.0, 1.0),
+        Entry("sine of ship heading relative to AUV", "1", -1.0, 1.0),
         Entry("ship velocity relative to AUV, ahead", "m/s", -LIMIT, LIMIT, _VELOCITY),
         Entry("ship velocity relative to AUV, to starboard", "m/s", -LIMIT, LIMIT, _VELOCITY),
         Entry("ship yaw rate relative to AUV", "rad/s", -LIMIT, LIMIT, _YAW_RATE),
@@ -61,19 +61,19 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("ship yaw acceleration", "rad/s^2", -LIMIT, LIMIT, _YAW_ACCELERATION),
     ),
     "heading": (
-        Entry("cosine of own heading", "1", -1.0, 1.0, ""),
-        Entry("sine of own heading", "1", -1.0, 1.0, ""),
+        Entry("cosine of own heading", "1", -1.0, 1.0),
+        Entry("sine of own heading", "1", -1.0, 1.0),
     ),
     "last-action": (
-        Entry("last action, surge", "1", -1.0, 1.0, ""),
-        Entry("last action, sway", "1", -1.0, 1.0, ""),
-        Entry("last action, yaw", "1", -1.0, 1.0, ""),
+        Entry("last action, surge", "1", -1.0, 1.0),
+        Entry("last action, sway", "1", -1.0, 1.0),
+        Entry("last action, yaw", "1", -1.0, 1.0),
     ),
     "link": (
-        Entry("bit rate, log scale from threshold to on-axis", "1", 0.0, 1.0, ""),
-        Entry("inside the cone", "1", 0.0, 1.0, ""),
+        Entry("bit rate, log scale from threshold to on-axis", "1", 0.0, 1.0),
+        Entry("inside the cone", "1", 0.0, 1.0),
     ),
-    "time": (Entry("share of the episode gone", "1", 0.0, 1.0, ""),),
+    "time": (Entry("share of the episode gone", "1", 0.0, 1.0),),
 }
 """What can be observed: the entries of each group."""
 
@@ -93,7 +93,9 @@ OBSERVED = rows(**{row_name(name): (len(entries),) for name, entries in GROUPS.i
 class ObservationSettings(Parameters):
     """What is observed, and the scales: an entry is the physical value divided by its scale."""
 
-    groups: tuple[str, ...] = names(STANDARD, tuple(GROUPS), "groups of entries that are observed, in their order")
+    groups: tuple[str, ...] = names(
+        STANDARD, tuple(GROUPS), "groups of entries that are observed, in their order", since="0.2.0"
+    )
     position_scale_m: float = number(4.0, "m", "scale of relative position", low=0.001, high=1e6, randomisable=False)
     velocity_scale_mps: float = number(1.0, "m/s", "scale of velocities", low=0.001, high=1000.0, randomisable=False)
     yaw_rate_scale_rad_s: float = number(1.0, "rad/s", "scale of yaw rates", low=0.001, high=1000.0, randomisable=False)
@@ -121,8 +123,9 @@ class ObservationSettings(Parameters):
 
     @property
     def entry_scales(self) -> Array:
-        """The scale of each entry in SI units, shape (size,); 1 for entries without one."""
-        return np.array([self.scales[entry.scale] if entry.scale else 1.0 for entry in self.entries])
+        """The scale of each entry in SI units, shape (size,)."""
+        own = self.scales
+        return np.array([own[entry.scale] if isinstance(entry.scale, str) else entry.scale for entry in self.entries])
 
     def place(self, entry: str) -> int | None:
         """Where the entry of that name stands in the observation vector; None if it isn't observed."""

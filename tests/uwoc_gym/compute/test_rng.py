@@ -1,18 +1,20 @@
 from __future__ import annotations
 
+import inspect
+import re
+from pathlib import Path
+
 import numba
 import numpy as np
 import pytest
 from scipy import stats
 
+import uwoc_gym
 from uwoc_gym import SCENARIOS, Vehicle
 from uwoc_gym.compute import rng
 from uwoc_gym.compute.records import block_type
-from uwoc_gym.parameters import number
-from uwoc_gym.sim.layout import drawn_numbers, numbers_of
-from uwoc_gym.world.auv import sensors
-from uwoc_gym.world.sea import current
-from uwoc_gym.world.ship import paths
+from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.sim.layout import MODULES, drawn_numbers, numbers_of
 
 KEY = (123456789.0, 4000000000.0)
 COUNT = 40_000
@@ -133,8 +135,26 @@ def test_streams_are_independent(changed):
     assert np.abs(np.corrcoef(one[:, 1:], one[:, :-1])[:4, 4:]).max() < 4.5 * COUNT**-0.5
 
 
+STREAMS = {name: module.STREAM for name, module in {"random": rng, **MODULES}.items() if hasattr(module, "STREAM")}
+
+
 def test_streams_have_their_own_numbers():
-    assert [rng.STREAM, paths.STREAM, current.STREAM, sensors.STREAM] == [1.0, 2.0, 3.0, 4.0]
+    assert len(set(STREAMS.values())) == len(STREAMS)
+    # Those of v0 stay as they are.
+    assert {"random": 1.0, "ship": 2.0, "current": 3.0, "sensors": 4.0}.items() <= STREAMS.items()
+
+
+def test_every_file_with_a_stream_is_among_them():
+    package = Path(inspect.getfile(uwoc_gym)).parent
+    found = [path for path in package.rglob("*.py") if re.search(r"^STREAM\b", path.read_text(), re.MULTILINE)]
+    assert len(found) == len(STREAMS)
+
+
+@pytest.mark.parametrize("name", [name for name in STREAMS if name != "random"])
+def test_settings_of_an_effect_with_a_stream_say_when_it_is_random(name):
+    module = MODULES[name]
+    own = [each for each in vars(module).values() if inspect.isclass(each) and each.__module__ == module.__name__]
+    assert any(issubclass(each, Parameters) and "random" in vars(each) for each in own)
 
 
 def test_key_from_seed():

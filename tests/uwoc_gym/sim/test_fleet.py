@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from uwoc_gym import (
+    SCENARIOS,
     EpisodeSettings,
     OpticalLink,
     PaperPath,
@@ -22,7 +23,8 @@ from uwoc_gym import (
     Vehicle,
 )
 from uwoc_gym.sim.fleet import Autoreset, Fleet
-from uwoc_gym.sim.layout import MEASURE_NAMES
+from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
+from uwoc_gym.task.action import KINDS
 
 RANDOM = Scenario.named("Random")
 LANES = 1024
@@ -520,6 +522,18 @@ def test_configure_takes_effect_at_reset(fly):
         np.testing.assert_array_equal(value, expected[name], err_msg=name)
 
 
+def test_nothing_but_seeds_and_episodes_outlives_a_scenario(fly):
+    flight = fly(RANDOM, 40)
+    flight.step(0.3)
+    before = flight.fleet.snapshot()
+    flight.fleet.configure(RANDOM)
+    after = flight.fleet.snapshot()
+    assert before["random"]["key_0"].all()
+    np.testing.assert_array_equal(after["random"], before["random"])
+    after["random"]["all"] = 0.0
+    assert not after.view(np.float64).any()
+
+
 def test_measures_of_a_step_are_the_present_ones(fly):
     flight = fly(RANDOM, 40)
     flight.step(0.3)
@@ -527,23 +541,35 @@ def test_measures_of_a_step_are_the_present_ones(fly):
     np.testing.assert_array_equal(flight.fleet.single, flight.out[:, 0])
 
 
-def test_a_large_fleet_fits_into_300_megabytes():
+def test_flags_are_the_measures_of_their_names(fly):
+    flight = fly(RANDOM.merged({"start": {"x_m": (-1.0, 20.0)}}), 70, autoreset=Autoreset.SAME_STEP)
+    seen = set()
+    for _ in range(30):
+        flight.flags[:] = np.random.default_rng(0).integers(2, size=flight.flags.shape)
+        flight.step(0.3)
+        rows = dict(zip(MEASURE_NAMES, flight.out, strict=True))
+        for name, flags in zip(FLAGS, flight.flags, strict=True):
+            np.testing.assert_array_equal(flags, rows[name] > 0.0, err_msg=name)
+            seen |= {(name, flag) for flag in flags.tolist()}
+    assert {(name, flag) for name in ("terminated", "in_cone", "is_success") for flag in (True, False)} <= seen
+
+
+@pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "Random"])
+def test_a_large_fleet_of_the_papers_worlds_takes_150_mebibytes(name):
     size = 65_536
-    actions, observations = np.zeros((size, 3), np.float32), np.zeros((size, 20), np.float32)
-    out, flags = np.zeros((len(MEASURE_NAMES), size)), np.zeros((4, size), bool)
-    seeds = list(range(size))
+    assert size * 8 * 50 < Fleet(SCENARIOS[name], size).memory.nbytes < 150 * 2**20
+
+
+def test_stepping_a_large_fleet_takes_no_memory(fly):
+    flight = fly(RANDOM, 65_536)
     tracemalloc.start()
     try:
-        fleet = Fleet(RANDOM, size, Autoreset.NEXT_STEP)
-        fleet.seed(np.arange(size), seeds)
-        fleet.reset(observations)
-        fleet.step(actions, observations, out, flags)
+        flight.fleet.step(np.zeros((65_536, 3), np.float32), flight.observations, flight.out, flight.flags)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert np.isfinite(out).all()
-    # With less, the allocations would have gone unseen.
-    assert 65_536 * 8 * 50 < peak < 300e6
+    # Not even a byte for each.
+    assert peak < 65_536
 
 
 @pytest.mark.parametrize("autoreset", RESETS, ids=["next step", "same step"])
@@ -586,6 +612,37 @@ def test_success_of_an_episode_knows_nothing_of_the_one_before(fly):
     for _ in range(40):
         flight.step()
         assert flight.measures()["is_success"][0] == 1.0
+
+
+AXES = {"surge force": 0, "sway force": 1, "yaw moment": 2}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_action_of_each_kind_does_what_it_is_called(fly, kind):
+    names = KINDS[kind]
+    # Lane i does nothing but the i-th action.
+    flight = fly(Scenario(action=kind), len(names))
+    force = flight.step(0.5 * np.eye(len(names)))["force"]
+    expected = np.zeros((len(names), 3))
+    for lane, name in enumerate(names):
+        expected[lane, AXES[name]] = 0.5 * Vehicle().force_limits[AXES[name]]
+    np.testing.assert_array_equal(force, expected)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_rewards_bounds_are_reached(fly, kind):
+    # Beyond the cone, with all that an action can be, only the nearness and the heading are above 0.
+    weights = RewardSettings(position=0.0, heading=0.0, effort=0.3)
+    scenario = Scenario(ship=StraightPath(speed_mps=0.0), action=kind, reward=weights)
+    worst = fly(scenario, pose=(15.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0))
+    worst.step(-1.0)
+    assert worst.measures()["reward"][0] == pytest.approx(weights.bounds[0], rel=1e-12)
+    weights = RewardSettings(bit_rate=0.7, in_cone=0.2, position=1.1, heading=0.6, effort=0.3)
+    best = fly(
+        Scenario(ship=StraightPath(speed_mps=0.0), action=kind, reward=weights), pose=(0, 0, 0), velocity=(0, 0, 0)
+    )
+    best.step()
+    assert best.measures()["reward"][0] == pytest.approx(weights.bounds[1], rel=1e-12)
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -11,7 +11,7 @@ import pytest
 import uwoc_gym
 from uwoc_gym import CarriedOnPath, Fleet, PaperPath, Pulse, Scenario, Sea, SettingError, StraightPath
 from uwoc_gym.sim.fleet import Autoreset
-from uwoc_gym.sim.layout import MEASURE_NAMES
+from uwoc_gym.sim.layout import FLAGS, MEASURE_NAMES
 
 RANDOM = Scenario.named("Random")
 ACTIONS = np.random.default_rng(5).uniform(-1.2, 1.2, (80, 40, 3)).astype(np.float32)
@@ -222,7 +222,7 @@ def test_a_true_belief_flies_as_the_truth_does(fly):
         pose=state["pose"], velocity=state["velocity"], ship_pose=state["ship_pose"],
         ship_velocity=state["ship_velocity"], current=state["current"], time_s=state["time_s"][0],
     )  # fmt: skip
-    arrays = [np.zeros((3, 20), np.float32), np.zeros((len(MEASURE_NAMES), 3)), np.zeros((4, 3), bool)]
+    arrays = [np.zeros((3, 20), np.float32), np.zeros((len(MEASURE_NAMES), 3)), np.zeros((len(FLAGS), 3), bool)]
     for action in ACTIONS[30:]:
         flight.step(action[:3])
         believed.step(np.ascontiguousarray(action[:3]), *arrays)

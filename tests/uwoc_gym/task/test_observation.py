@@ -98,7 +98,12 @@ def test_surge_yaw_is_the_wrench_without_its_sway(fly):
         actions[:, 1] = 0.0
         states = both[0].step(actions), both[1].step(actions[:, [0, 2]])
         np.testing.assert_equal(states[1], states[0])
-        np.testing.assert_array_equal(both[1].out, both[0].out)
+        own, others = both[1].measures(), both[0].measures()
+        # The mean square of two actions and of three.
+        np.testing.assert_allclose(own.pop("reward_effort"), 1.5 * others.pop("reward_effort"), rtol=1e-14)
+        rewards = own.pop("reward"), others.pop("reward")
+        assert (rewards[0] < rewards[1]).all()
+        np.testing.assert_equal(own, others)
         np.testing.assert_array_equal(both[1].observations, both[0].observations)
 
 

@@ -28,9 +28,14 @@ class Sensors(Parameters):
     velocity_std_mps: Number = number(0.0, "m/s", "surge and sway velocity", low=0.0, high=10.0, source=UNKNOWN)
     yaw_rate_std_rad_s: Number = number(0.0, "rad/s", "yaw rate", low=0.0, high=10.0, source=UNKNOWN)
 
-    def derived(self) -> dict[str, float]:
+    @property
+    def random(self) -> bool:
         """Whether any episode can have noise."""
-        return {"acts": any(np.max(value) > 0.0 for _, value in self.numbers())}
+        return any(np.max(value) > 0.0 for _, value in self.numbers())
+
+    def derived(self) -> dict[str, float]:
+        """Noise, without which nothing acts."""
+        return {"acts": self.random}
 
 
 @inlined

@@ -38,9 +38,14 @@ class Current(Parameters):
         """A speed [m/s] that it exceeds in one of 3000 moments at most: the constant part and four deviations."""
         return float(np.max(self.speed_mps) + 4.0 * np.max(self.std_mps))
 
+    @property
+    def random(self) -> bool:
+        """Whether any episode can have the random part."""
+        return bool(np.max(self.std_mps) > 0.0)
+
     def derived(self) -> dict[str, float]:
         """Whether any episode can have a current."""
-        return {"acts": np.max(self.speed_mps) > 0.0 or np.max(self.std_mps) > 0.0}
+        return {"acts": np.max(self.speed_mps) > 0.0 or self.random}
 
 
 @inlined

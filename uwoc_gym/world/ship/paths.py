@@ -195,6 +195,11 @@ class RandomPath(ShipPath):
     shortest_period_s: Number = number(20.0, "s", "shortest period of a turning vector", low=0.1, high=1e6)
     longest_period_s: Number = number(60.0, "s", "longest period of a turning vector", low=0.1, high=1e6)
 
+    @property
+    def random(self) -> bool:
+        """Always: periods, phases and senses are drawn."""
+        return True
+
 
 @dataclass(frozen=True, kw_only=True)
 class LawnMowerPath(ShipPath):
