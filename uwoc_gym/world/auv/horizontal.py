@@ -52,20 +52,20 @@ WRENCH = rows("surge", "sway", "yaw", "x", "y")
 class Vehicle(Parameters):
     """Parameters of the AUV: the nominal model, how the true plant departs from it, and the actuators' limits."""
 
-    mass_surge_kg: Number = number(100.0, "kg", "mass in surge, m11", low=1.0, high=1e6, source=MASSES)
-    mass_sway_kg: Number = number(250.0, "kg", "mass in sway, m22", low=1.0, high=1e6, source=MASSES)
-    inertia_yaw_kg_m2: Number = number(80.0, "kg m^2", "inertia in yaw, m33", low=0.01, high=1e8, source=MASSES)
-    linear_damping_surge: Number = number(70.0, "kg/s", "linear damping in surge", low=0.0, high=1e6, source=DAMPING)
-    linear_damping_sway: Number = number(100.0, "kg/s", "linear damping in sway", low=0.0, high=1e6, source=DAMPING)
-    linear_damping_yaw: Number = number(50.0, "kg m^2/s", "linear damping in yaw", low=0.0, high=1e8, source=DAMPING)
+    mass_surge_kg: Number = number(100.0, "kg", "mass in surge, m11", low=1.0, high=1e5, source=MASSES)
+    mass_sway_kg: Number = number(250.0, "kg", "mass in sway, m22", low=1.0, high=1e5, source=MASSES)
+    inertia_yaw_kg_m2: Number = number(80.0, "kg m^2", "inertia in yaw, m33", low=0.01, high=1e6, source=MASSES)
+    linear_damping_surge: Number = number(70.0, "kg/s", "linear damping in surge", low=0.0, high=1e5, source=DAMPING)
+    linear_damping_sway: Number = number(100.0, "kg/s", "linear damping in sway", low=0.0, high=1e5, source=DAMPING)
+    linear_damping_yaw: Number = number(50.0, "kg m^2/s", "linear damping in yaw", low=0.0, high=1e6, source=DAMPING)
     quadratic_damping_surge: Number = number(
-        100.0, "kg/m", "quadratic damping in surge", low=0.0, high=1e6, source=DAMPING
+        100.0, "kg/m", "quadratic damping in surge", low=0.0, high=1e5, source=DAMPING
     )
     quadratic_damping_sway: Number = number(
-        200.0, "kg/m", "quadratic damping in sway", low=0.0, high=1e6, source=DAMPING
+        200.0, "kg/m", "quadratic damping in sway", low=0.0, high=1e5, source=DAMPING
     )
     quadratic_damping_yaw: Number = number(
-        100.0, "kg m^2", "quadratic damping in yaw", low=0.0, high=1e8, source=DAMPING
+        100.0, "kg m^2", "quadratic damping in yaw", low=0.0, high=1e6, source=DAMPING
     )
     mass_scale: Number = number(
         1.0, "1", "true masses and inertia over nominal", low=0.1, high=10.0, source="paper, Case II"
@@ -73,13 +73,13 @@ class Vehicle(Parameters):
     damping_scale: Number = number(1.0, "1", "true damping over nominal", low=0.0, high=100.0, source="project default")
     coriolis: bool = flag(True, "Coriolis and centripetal terms; off reproduces the paper's PD row")
     max_surge_force_n: float = number(
-        2000.0, "N", "surge force at action 1", low=0.001, high=1e6, randomisable=False, source=LIMITS
+        2000.0, "N", "surge force at action 1", low=0.001, high=1e5, randomisable=False, source=LIMITS
     )
     max_sway_force_n: float = number(
-        2000.0, "N", "sway force at action 1", low=0.001, high=1e6, randomisable=False, source=LIMITS
+        2000.0, "N", "sway force at action 1", low=0.001, high=1e5, randomisable=False, source=LIMITS
     )
     max_yaw_moment_nm: float = number(
-        500.0, "N m", "yaw moment at action 1", low=0.001, high=1e7, randomisable=False, source=LIMITS
+        500.0, "N m", "yaw moment at action 1", low=0.001, high=1e5, randomisable=False, source=LIMITS
     )
 
     def nominal(self) -> Vehicle:

@@ -1,10 +1,10 @@
 """How fast the AUV becomes and how fast its motion changes, which an integration step has to follow.
 
-Taken over all numbers that an episode may draw. An axis is as fast as the force along it drives it against its own
-damping, or as it can become in the time that there is; what the Coriolis terms carry over from the other axes is left
-out, for which `uwoc_gym.task.ending.RATE_TIMES_STEP` leaves room. The rate is a bound of the norm of the equation of
-motion's Jacobian at these velocities, in coordinates scaled by the square roots of the masses, where the Coriolis terms
-are nearly skew.
+Taken over all numbers that an episode may draw. An axis is as fast as what acts along it drives it against its own
+damping, or as it can become in the time that there is. To the forces belong the Coriolis terms at the velocities that
+the forces alone lead to; these terms are carried no further, for which `uwoc_gym.task.ending.RATE_TIMES_STEP` leaves
+room. The rate is a bound of the Jacobian of the equation of motion at these velocities, its largest sum of a row, in
+coordinates scaled by the square roots of the masses, where the Coriolis terms are nearly skew.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ class Motion:
         self._coriolis = vehicle.coriolis
         # All axes have the same scale, so that ratios of masses don't depend on it.
         self._mass = _ends(vehicle.mass_surge_kg, vehicle.mass_sway_kg, vehicle.inertia_yaw_kg_m2)
-        self._lightest = self._mass.low * _ends(vehicle.mass_scale).low
+        self._scale = _ends(vehicle.mass_scale)
+        self._lightest = self._mass.low * self._scale.low
+        (m1, m2, _), (n1, n2, _) = self._mass
+        self._apart = max(abs(n1 - m2), abs(n2 - m1)) * self._scale.high[0]
         scale = _ends(vehicle.damping_scale)
         linear, quadratic = (
             _ends(*(getattr(vehicle, f"{kind}_damping_{axis}") for axis in _AXES)) for kind in ("linear", "quadratic")
         )
         self._linear, self._quadratic = linear.high * scale.high, quadratic.high * scale.high
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reached, damped = (
-                np.maximum(start, np.fmin(_terminal(force, *own), start + duration_s * force / self._lightest))
-                for own in ((linear.low * scale.low, quadratic.low * scale.low), (self._linear, self._quadratic))
-            )
+        dampings = (linear.low * scale.low, quadratic.low * scale.low), (self._linear, self._quadratic)
+        reached, damped = (self._reached(force, start, duration_s, *own) for own in dampings)
         self.velocity: Array = reached
         """The fastest that each axis becomes, shape (3,) [m/s, m/s, rad/s]."""
         self.rate = self._rate(reached, damped)
@@ -68,23 +68,32 @@ class Motion:
         own = np.abs(np.asarray(velocity, dtype=float))
         return self._rate(own, own)
 
+    def _reached(self, force: Array, start: Array, duration_s: float, linear: Array, quadratic: Array) -> Array:
+        """The fastest that each axis becomes with these dampings."""
+
+        def driven(force: Array) -> Array:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                terminal = 2.0 * force / (linear + np.sqrt(linear * linear + 4.0 * quadratic * force))
+            # Without damping there is no terminal speed.
+            return np.maximum(start, np.fmin(terminal, start + duration_s * force / self._lightest))
+
+        alone = driven(force)
+        u, v, r = alone
+        heavy = self._mass.high * self._scale.high
+        return driven(force + self._coriolis * np.array([heavy[1] * v * r, heavy[0] * u * r, self._apart * u * v]))
+
     def _rate(self, velocity: Array, damped: Array) -> float:
         """The rate at velocities of the least and the most damping; strong damping is fastest where the AUV is slow."""
-        damping = ((self._linear + 2.0 * self._quadratic * damped) / self._lightest).max()
+        damping = (self._linear + 2.0 * self._quadratic * damped) / self._lightest
         u, v, r = velocity
-        turning = 0.0
-        if self._coriolis:
-            (m1, m2, m3), (n1, n2, _) = self._mass
-            apart = max(abs(n1 - m2), abs(n2 - m1))
-            turning = max(
+        (m1, m2, m3), (n1, n2, _) = self._mass
+        apart = self._apart / self._scale.high[0]
+        turning = np.array(
+            [
                 np.sqrt(n2 / m1) * r + n2 / np.sqrt(m1 * m3) * v,
                 np.sqrt(n1 / m2) * r + n1 / np.sqrt(m2 * m3) * u,
                 apart / np.sqrt(m1 * m3) * v + apart / np.sqrt(m2 * m3) * u,
-            )
-        # The heading turns with the yaw rate even where nothing couples to it.
-        return float(max(damping + turning, r))
-
-
-def _terminal(force: Array, linear: Array, quadratic: Array) -> Array:
-    """Speed at which damping balances a force, shape (3,); infinite or not a number without damping."""
-    return 2.0 * force / (linear + np.sqrt(linear * linear + 4.0 * quadratic * force))
+            ]
+        )
+        # The heading turns with the yaw rate, and its errors add up over all turns.
+        return float(max((damping + self._coriolis * turning).max(), 3.0 * r))

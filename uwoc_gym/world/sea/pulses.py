@@ -24,9 +24,9 @@ class Pulse(Parameters):
 
     start_s: Number = number(30.0, "s", "time at which the pulse begins", low=0.0, high=1e6, source="paper, Case I")
     duration_s: Number = number(1.0, "s", "length of the pulse", low=0.0, high=1e6, source="paper, Case I")
-    force_x_n: Number = number(350.0, "N", "force along surge, or along x", low=-1e6, high=1e6, source="paper, Case I")
-    force_y_n: Number = number(350.0, "N", "force along sway, or along y", low=-1e6, high=1e6, source="paper, Case I")
-    moment_nm: Number = number(350.0, "N m", "yaw moment", low=-1e7, high=1e7, source="paper, Case I")
+    force_x_n: Number = number(350.0, "N", "force along surge, or along x", low=-1e5, high=1e5, source="paper, Case I")
+    force_y_n: Number = number(350.0, "N", "force along sway, or along y", low=-1e5, high=1e5, source="paper, Case I")
+    moment_nm: Number = number(350.0, "N m", "yaw moment", low=-1e5, high=1e5, source="paper, Case I")
     frame: str = choice(
         "body", ("body", "earth"), "frame in which the force is fixed; the paper adds it in the body frame"
     )
