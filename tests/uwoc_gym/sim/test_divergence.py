@@ -131,13 +131,25 @@ def test_places_beyond_the_world_are_refused(option):
         env.reset(seed=0, options={option: (1e8, 0.0, 0.0)})
 
 
-def test_motion_is_as_fast_as_damping_and_time_allow():
-    vehicle = Scenario().vehicle
+def test_motion_is_as_fast_as_forces_damping_and_time_allow():
+    vehicle = Scenario().vehicle.merged({"coriolis": False})
     force = vehicle.force_limits
     motion = Motion(vehicle, force, np.zeros(3), 150.0)
     np.testing.assert_allclose(vehicle.damping(motion.velocity) * motion.velocity, force, rtol=1e-12)
     free = vehicle.merged({"damping_scale": 0.0})
     np.testing.assert_allclose(Motion(free, force, np.ones(3), 2.0).velocity, 1.0 + 2.0 * force / vehicle.inertia)
+
+
+def test_coriolis_terms_carry_motion_over_but_add_no_energy():
+    plain, coupled = (
+        Motion(Scenario().vehicle.merged({"coriolis": on}), np.array([2e3, 2e3, 5e2]), np.zeros(3), 150.0)
+        for on in (False, True)
+    )
+    assert (coupled.velocity > plain.velocity).all()
+    free = Scenario().vehicle.merged({"damping_scale": 0.0})
+    begun = np.array([3.0, 2.0, 1.0])
+    energy = (free.inertia * begun**2).sum()
+    assert (free.inertia * Motion(free, np.zeros(3), begun, 150.0).velocity ** 2 <= energy * (1.0 + 1e-12)).all()
 
 
 def test_the_rate_bounds_the_jacobian_of_the_equation_of_motion():

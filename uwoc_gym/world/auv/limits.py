@@ -78,9 +78,14 @@ class Motion:
             return np.maximum(start, np.fmin(terminal, start + duration_s * force / self._lightest))
 
         alone = driven(force)
+        if not self._coriolis:
+            return alone
         u, v, r = alone
         heavy = self._mass.high * self._scale.high
-        return driven(force + self._coriolis * np.array([heavy[1] * v * r, heavy[0] * u * r, self._apart * u * v]))
+        carried = driven(force + np.array([heavy[1] * v * r, heavy[0] * u * r, self._apart * u * v]))
+        # They add no energy.
+        most: Array = np.sqrt((self._mass.high * alone**2).sum() / self._mass.low)
+        return np.fmin(carried, most)
 
     def _rate(self, velocity: Array, damped: Array) -> float:
         """The rate at velocities of the least and the most damping; strong damping is fastest where the AUV is slow."""
