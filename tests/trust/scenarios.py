@@ -8,10 +8,12 @@ the same actions with a step of 1/64.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from tqdm import tqdm
 
 from uwoc_gym import Scenario, SettingError
 from uwoc_gym.parameters import NumberSpec, Parameters
@@ -133,6 +135,19 @@ def relative_error(coarse: npt.NDArray[np.float64], fine: npt.NDArray[np.float64
     errors = np.linalg.norm(apart[..., :2], axis=-1).max(axis=0) / way, np.abs(apart[..., 2]).max(axis=0) / turned
     found: npt.NDArray[np.float64] = np.maximum(*errors)
     return found
+
+
+def measure(long: bool) -> list[tuple[str, str]]:
+    """The figures of the table."""
+    found = tally(31_250 if long else 30, progress=partial(tqdm, leave=False))
+    return [
+        ("random scenarios tried, and accepted", f"{found.tried:,}, {found.accepted:,}"),
+        ("worlds drawn from them and flown", f"{found.worlds:,}"),
+        ("scenarios with a value that isn't finite", f"{found.not_finite}"),
+        ("worlds that diverged", f"{found.diverged}"),
+        (f"worlds more than 1 % from those with 1/{FINER} of the step", f"{found.above_1_percent}"),
+        ("largest difference", f"{100.0 * found.largest_error:.2g} %"),
+    ]
 
 
 def tally(scenarios: int, seed: int = 0, progress: Any = iter) -> Tally:
