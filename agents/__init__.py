@@ -11,24 +11,26 @@ if TYPE_CHECKING:
 __all__ = ["load"]
 
 
-def load(name_or_path: str, scenario: str | Scenario = "Nominal") -> Predictor:
+def load(name_or_path: str, scenario: str | Scenario = "Nominal", trust: bool = False) -> Predictor:
     """A policy to act with: ``predict(observation, state, episode_start, deterministic)`` as in Stable-Baselines3.
 
     Args:
         name_or_path: The name of a controller or a shipped agent, the folder of a training run, a saved .zip file or
-            "module:callable". All but names run code, so load only what you trust.
+            "module:callable", which is imported and called.
         scenario: What is flown, or its name; controllers know of it what their designer would.
+        trust: Whether to load files that hold pickled objects too, and so to run whatever is in them: those that
+            Stable-Baselines3 alone has saved, and agents of version 0.1 of this package.
 
     Returns:
         The policy, for the scenario's observations, one or N of them. Pass its memory on from call to call, and where
         episodes begin.
 
     Raises:
-        CommandError: There is no such policy, or it can't be loaded.
+        CommandError: There is no such policy, it can't be loaded, or it would have to be trusted.
         SettingError: There is no scenario of that name.
     """
     # Imported here so that what runs without the policies stays light.
     from uwoc_gym.agents.policies import registry
     from uwoc_gym.scenario import as_scenario
 
-    return registry.load(str(name_or_path)).pilot(as_scenario(scenario))
+    return registry.load(str(name_or_path), trust).pilot(as_scenario(scenario))

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from uwoc_gym import __version__
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.reports import files
 from uwoc_gym.parameters import SettingError
@@ -66,7 +67,16 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status: 0, 1 for an error, 2 for wrong usage, 130 if interrupted."""
+    """Run the command.
+
+    Returns:
+        The exit status: 0, 1 for an error, 2 for wrong usage, 130 if interrupted, 143 by SIGTERM.
+    """
+    with interrupts.heard():
+        return _run(argv)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     command = "uwoc-gym"
     try:
         args = _parser().parse_args(argv)
@@ -84,11 +94,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        return _fail(command, str(error), 1)
+        text = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)
+        return _fail(command, text, 1)
     except MemoryError:
         return _fail(command, "there isn't enough memory for that; ask for less at a time", 1)
     except KeyboardInterrupt:
-        return _fail(command, "interrupted", 130)
+        return _fail(command, "interrupted", interrupts.status())
 
 
 def _fail(command: str, message: str, status: int) -> int:

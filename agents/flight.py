@@ -111,8 +111,8 @@ def fly(
 
     Raises:
         ValueError: One of ``parameters`` isn't allowed.
-        CommandError: It is too much to fly at a time, or the policy gives actions of another shape or that aren't
-            finite.
+        CommandError: It is too much to fly at a time, an episode diverges, or the policy gives actions of another shape
+            or that aren't finite.
     """
     size, steps = len(seeds), scenario.episode.steps
     check_size(scenario, size)
@@ -145,7 +145,8 @@ def fly(
             break
         actions, memory = decide(policy, predictor, observations, memory, begun, len(scenario.actions))
         actions = np.where(alive[:, None], actions, np.float32(0.0))
-        observations, rewards, terminated, truncated, _ = env.step(actions)
+        observations, rewards, terminated, truncated, infos = env.step(actions)
+        check_followed(infos, alive, policy.name, scenario, seeds)
         begun = terminated | truncated
         state = env.state()
     env.close()
@@ -178,6 +179,26 @@ def fly(
         series=series,
         extra={name: tracks[name] for name in extra},
     )
+
+
+def check_followed(
+    infos: Mapping[str, Any],
+    alive: npt.NDArray[np.bool_],
+    policy: str,
+    scenario: Scenario,
+    seeds: Sequence[int],
+) -> None:
+    """Refuse to go on where the integrator couldn't follow one of the episodes that are still flown.
+
+    Raises:
+        CommandError: There is one.
+    """
+    if "diverged" in infos and (alive & infos["diverged"]).any():
+        lost = [seed for seed, bad in zip(seeds, alive & infos["diverged"], strict=True) if bad]
+        raise CommandError(
+            f"policy {policy!r}: the integrator couldn't follow the episodes of the seeds {lost[:10]} in steps of "
+            f"EpisodeSettings.integration_step_s = {scenario.episode.integration_step_s!r}; take shorter ones [s]."
+        )
 
 
 def decide(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TypeVar
 
 from uwoc_gym.agents.errors import CommandError, naming
@@ -63,7 +63,12 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=whole("seed"), default=0, metavar="S", help="the search's seed (default: %(default)s)"
     )
-    parser.add_argument("--resume", action="store_true", help="go on with the search that --out holds")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the search that --out holds; Optuna keeps the state of CMA-ES as a pickled object, which runs "
+        "the code in it: only give folders that you trust",
+    )
     parser.add_argument(
         "--out", required=True, metavar="DIR", help="folder for results.json, trials.csv, study.db and what was found"
     )
@@ -126,14 +131,24 @@ def scenarios_of(args: argparse.Namespace) -> dict[str, Scenario]:
     return scenarios
 
 
-def policies_of(names: Sequence[str]) -> list[Policy]:
+def add_trust_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets policies run what their files say."""
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="load .zip files that hold pickled objects too, which runs the code in them: those that Stable-Baselines3 "
+        "alone has saved, and agents of version 0.1; without it nothing in a file is run",
+    )
+
+
+def policies_of(args: argparse.Namespace) -> list[Policy]:
     """The policies that ``--policy`` names, each once.
 
     Raises:
-        CommandError: There is no such policy, or it can't be loaded.
+        CommandError: There is no such policy, it can't be loaded, or it would have to be trusted.
     """
     with naming("--policy"):
-        return [load(name) for name in dict.fromkeys(names)]
+        return [load(name, args.trust) for name in dict.fromkeys(args.policy)]
 
 
 def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) -> None:
@@ -145,6 +160,7 @@ def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) 
         metavar="POLICY",
         help="names, saved .zip files or module:callable (default: " + " ".join(policies) + ")",
     )
+    add_trust_argument(parser)
     add_scenario_arguments(parser, "StrongPulse")
     parser.add_argument("--seed", type=whole("seed"), default=0, metavar="S", help="the episode's seed (default: 0)")
 
@@ -168,4 +184,4 @@ def episode_of(args: argparse.Namespace) -> Episode:
         CommandError: There is no such policy or scenario.
     """
     name, scenario = scenario_of(args)
-    return Episode(policies_of(args.policy), name, scenario, args.seed)
+    return Episode(policies_of(args), name, scenario, args.seed)

@@ -12,12 +12,15 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {"uwoc_gym": "uwoc_gym", "baselines": "uwoc_gym/baselines", "agents": "uwoc_gym/agents"}
 """Where the files of each folder are installed."""
 
+COMMAND = "uwoc_gym_command.py"
+"""What the command begins with stands beside the packages, in the tree as in the wheel."""
+
 SUFFIXES = {".py", ".yaml", ".html", ".zip", ".json", ".pkl", ".typed"}
 
 
 def test_the_wheel_holds_the_tree_file_by_file(tmp_path: Path) -> None:
     # Built from a copy: a build folder left in the tree would bring files that are gone.
-    for name in (*PACKAGES, "pyproject.toml", "README.md", "LICENSE"):
+    for name in (*PACKAGES, COMMAND, "pyproject.toml", "README.md", "LICENSE"):
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copyfile
         copy(ROOT / name, tmp_path / name)
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path / "dist"), "."]
@@ -33,4 +36,4 @@ def test_the_wheel_holds_the_tree_file_by_file(tmp_path: Path) -> None:
         if path.suffix in SUFFIXES
     }
     assert len(stands) > 60
-    assert held == stands
+    assert held == stands | {COMMAND}

@@ -245,15 +245,14 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         if not self._running:
             raise gym.error.ResetNeeded("the episode has ended or not begun; call reset() before step().")
         observation = np.empty(self._observation_size, _FLOAT32)
-        # At a few microseconds a step every look at the action counts: what isn't the usual array is refused by
-        # compiled code, and then takes the slower way.
-        # Numba's dispatcher is given arrays alone: a list that is nested deeply enough crashes it.
-        if type(action) is _ARRAY:
-            try:
-                status = step_one(self._memory, action, observation)
-            except (TypeError, ValueError):
-                status = paper.WRONG_SIZE
-        else:
+        # At a few microseconds a step every look at the action counts. Numba's dispatcher is given arrays of the usual
+        # type alone: others cost it 0.1 ms to refuse, and a list that is nested deeply enough crashes it.
+        if type(action) is not _ARRAY or action.dtype is not _FLOAT32:
+            action = self._as_action(action)
+        try:
+            status = step_one(self._memory, action, observation)
+        except (TypeError, ValueError):
+            # It is read-only, or its numbers don't lie in a row.
             status = paper.WRONG_SIZE
         if status:
             action = self._as_action(action)
@@ -265,9 +264,12 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         truncated = values[_TRUNCATED] > 0.0
         if self.render_mode is not None:
             truncated = self._picture() or truncated
+        info = self._info(values)
         if terminated or truncated:
             self._running = False
-        return observation, values[_REWARD], terminated, truncated, self._info(values)
+            if self._fleet.diverged[0]:
+                info["diverged"] = True
+        return observation, values[_REWARD], terminated, truncated, info
 
     def _as_action(self, action: Any) -> Observation:
         array = as_numbers(action, self._action_shape)
@@ -339,6 +341,8 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             ValueError: It isn't one record of this scenario's layout; nothing has changed.
         """
         self._fleet.restore(rows)
+        # The episodes to come are those of the snapshot as well.
+        self._generator = self.np_random
         self._compile_step()
         self._running = not self._fleet.ended[0]
         if self.render_mode is not None:

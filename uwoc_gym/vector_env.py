@@ -241,10 +241,16 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         terminated, truncated = flags[_TERMINATED], flags[_TRUNCATED]
         if self.renderers:
             self._picture()
-        if not ends or finals is None:
-            return observations, out[_REWARD], terminated, truncated, self._infos(out, flags)
+        infos = self._infos(out, flags)
+        if not ends:
+            return observations, out[_REWARD], terminated, truncated, infos
+        diverged = self._fleet.diverged
+        if diverged.any():
+            infos |= {"diverged": diverged, "_diverged": diverged.copy()}
+        if finals is None:
+            return observations, out[_REWARD], terminated, truncated, infos
         ended = terminated | truncated
-        final = self._infos(out, flags) | {f"_{name}": ended for name in self.info_names}
+        final = infos | {f"_{name}": ended for name in self.info_names}
         infos = self._present_infos()
         infos["final_obs"] = _object_array(finals, ended)
         infos["_final_obs"] = ended.copy()
@@ -295,6 +301,8 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """
         self._fleet.restore(rows, lanes)
         self._begun = self._begun or lanes is None
+        # The episodes to come are those of the snapshot as well.
+        self._generator = self.np_random
         if self.renderers:
             self._begin_pictures(np.arange(self.num_envs) if lanes is None else np.atleast_1d(lanes))
         return self._fleet.observe()

@@ -8,9 +8,17 @@ import time
 from pathlib import Path
 from typing import Any
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import Series, batches, check_flights, flown_seeds, fly
-from uwoc_gym.agents.options import add_scenario_arguments, number, policies_of, scenarios_of, whole
+from uwoc_gym.agents.options import (
+    add_scenario_arguments,
+    add_trust_argument,
+    number,
+    policies_of,
+    scenarios_of,
+    whole,
+)
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, statistics, tables
 from uwoc_gym.baselines.policy import Policy
@@ -38,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="POLICY",
         help=f"names, folders of training runs, saved .zip files or module:callable (default: {' '.join(policies)})",
     )
+    add_trust_argument(parser)
     add_scenario_arguments(parser, list(ENV_IDS), many=True)
     parser.add_argument(
         "--seeds", type=whole("seeds"), default=20, metavar="N", help="number of seeds (default: %(default)s)"
@@ -63,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
     require("tqdm", *(["matplotlib"] if args.out else []))
     scenarios = _scenarios(args)
-    policies = policies_of(args.policy)
+    policies = policies_of(args)
     check_flights(policies, scenarios, min(args.batch, args.seeds))
     folder = files.output_folder(args.out) if args.out else None
     results: list[tables.Result] = []
@@ -91,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     if interrupted:
         count = sum(len(result.rows) for result in results)
         print(f"uwoc-gym benchmark: interrupted after {count} finished episodes", file=sys.stderr)
-        return 130
+        return interrupts.status()
     return 0
 
 

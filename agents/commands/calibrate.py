@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.learning.calibration import case_problem, nlpd_problem
 from uwoc_gym.agents.learning.search import search
@@ -49,18 +50,19 @@ def run(args: argparse.Namespace) -> int:
     problem = nlpd_problem() if args.target == "nlpd" else case_problem(args.target, args.variant)
     folder = files.output_folder(args.out)
     said = {"target": args.target, "variant": args.variant, "seed": args.seed}
-    found = search(
-        folder,
-        said,
-        problem.box,
-        problem.evaluate,
-        trials=args.trials or problem.trials,
-        batch=args.batch,
-        seed=args.seed,
-        direction="minimize",
-        sampler="cma-es",
-        resume=args.resume,
-    )
+    with files.locked(folder):
+        found = search(
+            folder,
+            said,
+            problem.box,
+            problem.evaluate,
+            trials=args.trials or problem.trials,
+            batch=args.batch,
+            seed=args.seed,
+            direction="minimize",
+            sampler="cma-es",
+            resume=args.resume,
+        )
     files.write_text(folder / problem.file, problem.text(found.best))
     document = {
         "finished": found.finished,
@@ -76,5 +78,5 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {name:<32} {value:.6g}")
     if not found.finished:
         print("uwoc-gym calibrate: interrupted; --resume goes on", file=sys.stderr)
-        return 130
+        return interrupts.status()
     return 0

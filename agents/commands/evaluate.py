@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import naming
 from uwoc_gym.agents.flight import batches, check_flights, flown_seeds, fly
-from uwoc_gym.agents.options import add_scenario_arguments, scenario_of, whole
+from uwoc_gym.agents.options import add_scenario_arguments, add_trust_argument, scenario_of, whole
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files, tables
 
@@ -27,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policy", metavar="POLICY", help="a name, a training run's folder, a .zip file, module:callable"
     )
+    add_trust_argument(parser)
     add_scenario_arguments(parser, "Random")
     parser.add_argument(
         "--seeds", type=whole("seeds"), default=20, metavar="N", help="number of seeds (default: %(default)s)"
@@ -39,21 +42,33 @@ def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
     name, scenario = scenario_of(args)
     with naming("POLICY"):
-        policy = load(args.policy)
+        policy = load(args.policy, args.trust)
     check_flights([policy], {name: scenario}, min(args.seeds, BATCH))
     folder = files.output_folder(args.out) if args.out else None
     begun = time.perf_counter()
     asked = range(args.seed, args.seed + args.seeds)
     seeds = flown_seeds(policy, scenario, asked)
-    rows = [row for batch in batches(seeds, BATCH) for row in fly(policy, scenario, batch).metrics.rows()]
+    rows: list[dict[str, float]] = []
+    interrupted = False
+    try:
+        for batch in batches(seeds, BATCH):
+            rows += fly(policy, scenario, batch).metrics.rows()
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+        interrupted = True
     data = tables.results_data([tables.Result(name, policy.name, rows, len(seeds) < len(asked))], args.seed)
     print(tables.table(data), end="")
     if folder is not None:
         document = {
-            "settings": {"policy": policy.name, "seeds": list(seeds), "scenario": scenario.to_dict()},
+            "finished": not interrupted,
+            "settings": {"policy": policy.name, "seeds": list(seeds[: len(rows)]), "scenario": scenario.to_dict()},
             "wall_time_s": round(time.perf_counter() - begun, 3),
             "results": data,
-            "episodes": [{"seed": seed, **row} for seed, row in zip(seeds, rows, strict=True)],
+            "episodes": [{"seed": seed, **row} for seed, row in zip(seeds, rows, strict=False)],
         }
         files.write_results(folder, args.command_line, {name: scenario}, document)
+    if interrupted:
+        print(f"uwoc-gym evaluate: interrupted after {len(rows)} finished episodes", file=sys.stderr)
+        return interrupts.status()
     return 0

@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.options import (
@@ -98,5 +99,5 @@ def run(args: argparse.Namespace) -> int:
         print(f"{path}: {shown} frames, {shown / args.fps:.1f} s, {path.stat().st_size / 1e6:.2f} MB")
     if interrupted_s is not None:
         print(f"uwoc-gym record: interrupted at {interrupted_s:.1f} s of the episode", file=sys.stderr)
-        return 130
+        return interrupts.status()
     return 0

@@ -311,7 +311,9 @@ def measure_first_use() -> dict[str, Any]:
         for _ in range(2):
             command = [sys.executable, "-c", _FIRST_USE]
             environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-            found.append(json.loads(subprocess.check_output(command, env=environment, text=True)))
+            found.append(
+                json.loads(subprocess.check_output(command, env=environment, text=True, start_new_session=True))
+            )
     (imported, single, vector), (_, cached, _) = (each["marks"] for each in found)
     return {
         "cpu_s": {"single, cold": single - imported, "vector, cold": vector - single, "single, cached": cached},

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import tuning
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     found = _gains(args) if args.target in tuning.GAIN_BOXES else _settings(args)
     if not found.finished:
         print("uwoc-gym tune: interrupted; --resume goes on", file=sys.stderr)
-        return 130
+        return interrupts.status()
     return 0
 
 
@@ -79,19 +80,20 @@ def _gains(args: argparse.Namespace) -> Found:
     problem = {
         "target": args.target, "seed": args.seed, "scenario": scenario.to_dict(), "episodes": args.episodes,
     }  # fmt: skip
-    found = search(
-        folder,
-        problem,
-        box,
-        tuning.controller_score(scenario, args.seed, args.episodes),
-        trials=args.trials or 2000,
-        batch=args.batch,
-        seed=args.seed,
-        direction="maximize",
-        sampler="cma-es",
-        begin=[tuning.point_of(gains(args.target), box)],
-        resume=args.resume,
-    )
+    with files.locked(folder):
+        found = search(
+            folder,
+            problem,
+            box,
+            tuning.controller_score(scenario, args.seed, args.episodes),
+            trials=args.trials or 2000,
+            batch=args.batch,
+            seed=args.seed,
+            direction="maximize",
+            sampler="cma-es",
+            begin=[tuning.point_of(gains(args.target), box)],
+            resume=args.resume,
+        )
     law = tuning.gains_of(found.best.values, args.command_line)
     validation = tuning.validation(law, scenario)
     files.write_json(folder / "gains.json", asdict(law))
@@ -118,18 +120,19 @@ def _settings(args: argparse.Namespace) -> Found:
     problem: dict[str, Any] = {"target": args.target, "seed": args.seed, "env": plan.env_id, "steps": args.steps}
     if plan.task is not None and (plan.name != plan.env_id or plan.overrides):
         problem["scenario"] = plan.task.to_dict()
-    found = search(
-        folder,
-        problem,
-        box,
-        tuning.learner_score(wish, folder),
-        trials=args.trials or 30,
-        batch=1,
-        seed=args.seed,
-        direction="maximize",
-        sampler="tpe",
-        resume=args.resume,
-    )
+    with files.locked(folder):
+        found = search(
+            folder,
+            problem,
+            box,
+            tuning.learner_score(wish, folder),
+            trials=args.trials or 30,
+            batch=1,
+            seed=args.seed,
+            direction="maximize",
+            sampler="tpe",
+            resume=args.resume,
+        )
     best = folder / f"trial-{int(found.best.outcome['trial']):04d}"
     files.copy(best / "settings.yaml", folder / "settings.yaml")
     files.write_results(folder, args.command_line, {plan.name: plan.task}, _document(problem, box, found))

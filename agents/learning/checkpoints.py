@@ -6,14 +6,13 @@ removed. Whatever stops the process, the newest folder with a proper name is who
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO
 
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.reports.files import whole
+from uwoc_gym.agents.reports.files import flush, whole
 
 _PREFIX = "checkpoint-"
 _PART = ".part"
@@ -51,10 +50,10 @@ def write(folder: Path, fill: Callable[[Path], None]) -> Path:
         part.mkdir()
         fill(part)
         for path in part.iterdir():
-            _flush(path)
-        _flush(part)
+            flush(path)
+        flush(part)
         part.rename(target)
-        _flush(folder)
+        flush(folder)
     except OSError as error:
         shutil.rmtree(part, ignore_errors=True)
         reason = error.strerror or error
@@ -66,26 +65,21 @@ def write(folder: Path, fill: Callable[[Path], None]) -> Path:
     return target
 
 
-def _flush(path: Path) -> None:
-    """Wait until a file, or a folder's list of names, is on the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+def save_agent(path: Path, write: Callable[[IO[bytes]], None]) -> None:
+    """Save an agent whole or not at all.
 
-
-def save_model(model: Any, path: Path) -> None:
-    """Save a model whole or not at all.
+    Args:
+        path: Its file.
+        write: Writes it to a file that is open for reading and writing.
 
     Raises:
         OSError: It can't be written.
     """
     # Stable-Baselines3 would add a suffix to a path; a file it takes as it is.
     try:
-        with whole(path) as part, part.open("wb") as file:
-            model.save(file)
+        with whole(path) as part, part.open("w+b") as file:
+            write(file)
     except (OSError, RuntimeError) as error:
         # PyTorch reports a full disk as a RuntimeError, and an error in writing doesn't name the file.
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error).splitlines()[0]
-        raise OSError(f"{path} can't be written: {reason}") from error
+        raise OSError(getattr(error, "errno", None), reason, str(path)) from error

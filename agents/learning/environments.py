@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.modules import import_here
+from uwoc_gym.agents.policies.archive import Normalisation, Statistics
 from uwoc_gym.agents.policies.residual import CONTROLS, check_actions, checked_scale, corrected
 from uwoc_gym.baselines import Controller
 from uwoc_gym.parameters import SettingError
@@ -156,7 +157,7 @@ def wrapped(
     values: Mapping[str, Any],
     controller: Controller | None,
     scenario: Scenario | None,
-    normaliser: str | None = None,
+    normalisation: Normalisation | None = None,
 ) -> tuple[VecEnv, EpisodeMonitor, VecNormalize | None]:
     """The environments as the algorithm sees them.
 
@@ -167,7 +168,7 @@ def wrapped(
         values: Checked settings.
         controller: What the agent corrects, if anything.
         scenario: The scenario trained on; None for environments of others.
-        normaliser: File with normalisation statistics to go on from.
+        normalisation: Where its statistics stand; None to begin.
     """
     monitor = EpisodeMonitor(base, None if scenario is None else scenario.observation.place("inside the cone"))
     env: VecEnv = monitor
@@ -176,11 +177,27 @@ def wrapped(
     statistics: VecNormalize | None = None
     if values["normalize"]:
         options = values["normalize"] if isinstance(values["normalize"], dict) else {}
-        if normaliser is not None:
-            statistics = VecNormalize.load(normaliser, env)
-        else:
-            statistics = VecNormalize(env, gamma=values.get("gamma", 0.99), **options)
-        env = statistics
+        env = statistics = VecNormalize(env, gamma=values.get("gamma", 0.99), **options)
+        if normalisation is not None:
+            _set(statistics.ret_rms, normalisation.returns)
+            if normalisation.observations is not None:
+                _set(statistics.obs_rms, normalisation.observations)
     if values["frame_stack"] > 1:
         env = VecFrameStack(env, values["frame_stack"])
     return env, monitor, statistics
+
+
+def normalisation_of(env: VecNormalize | None) -> Normalisation | None:
+    """The normalisation as it stands now; None without any."""
+    if env is None:
+        return None
+    seen = _statistics(env.obs_rms) if env.norm_obs else None
+    return Normalisation(seen, _statistics(env.ret_rms), env.clip_obs, env.epsilon)
+
+
+def _statistics(running: Any) -> Statistics:
+    return Statistics(np.array(running.mean), np.array(running.var), float(running.count))
+
+
+def _set(running: Any, known: Statistics) -> None:
+    running.mean, running.var, running.count = known.mean.copy(), known.variance.copy(), known.count

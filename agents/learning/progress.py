@@ -27,6 +27,8 @@ class Progress:
     evaluations: list[dict[str, Any]] = field(default_factory=list)
     best_steps: int | None = None
     finished: bool = False
+    counters: dict[str, int] = field(default_factory=dict)
+    """What the model counts besides, by Stable-Baselines3's names."""
 
     @property
     def best(self) -> dict[str, Any] | None:
@@ -36,6 +38,10 @@ class Progress:
 
 def _is_count(value: Any) -> bool:
     return type(value) is int and 0 <= value < 2**53
+
+
+def _are_counts(value: Any) -> bool:
+    return isinstance(value, dict) and all(_is_count(each) for each in value.values())
 
 
 def _is_time(value: Any) -> bool:
@@ -65,6 +71,7 @@ _KEPT: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "seeds_used": ("a whole number of at least 0", _is_count),
     "evaluations": ("a list of evaluations, each with steps and a mean return", _are_evaluations),
     "best_steps": ("null or a whole number of at least 0", lambda value: value is None or _is_count(value)),
+    "counters": ("a mapping of names to whole numbers of at least 0", _are_counts),
     "finished": ("true or false", lambda value: isinstance(value, bool)),
 }
 """What each field may be, in words and as a check."""

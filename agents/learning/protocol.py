@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints
 from uwoc_gym.agents.learning.plans import Job, Plan, Wish, planned, recorded_plan
-from uwoc_gym.agents.policies import saved
-from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
 from uwoc_gym.baselines.policy import Policy
@@ -83,13 +83,19 @@ def train_all(jobs: Sequence[Job], at_a_time: int) -> None:
         ThreadPoolExecutor(at_a_time) as pool,
         tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="training", file=sys.stderr) as bar,
     ):
-        for job, trouble in zip(missing, pool.map(_in_its_own_process, missing), strict=True):
-            if trouble is not None:
-                pool.shutdown(cancel_futures=True)
-                raise CommandError(
-                    f"a training failed; the others stand in their folders. {job.folder.name}: {trouble}"
-                )
-            bar.update()
+        try:
+            for job, trouble in zip(missing, pool.map(_in_its_own_process, missing), strict=True):
+                if trouble is not None:
+                    pool.shutdown(cancel_futures=True)
+                    raise CommandError(
+                        f"a training failed; the others stand in their folders. {job.folder.name}: {trouble}"
+                    )
+                bar.update()
+        except KeyboardInterrupt:
+            # Those that are under way write a checkpoint.
+            pool.shutdown(wait=False, cancel_futures=True)
+            interrupts.stop_children()
+            raise
 
 
 def check(groups: Mapping[str, Sequence[Job]], scenarios: Mapping[str, Scenario]) -> None:
@@ -133,7 +139,8 @@ def _in_its_own_process(job: Job) -> str | None:
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=train_and_tell, args=(job, sender))
-    process.start()
+    with interrupts.kept_from_children():
+        process.start()
     sender.close()
     try:
         trouble: str | None = receiver.recv()
@@ -189,22 +196,11 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
 
     best = max(own, key=validation)
     target.mkdir(parents=True, exist_ok=True)
-    for name in ("settings.yaml", "results.json", "vecnormalize.pkl"):
-        if (best / name).is_file():
-            files.copy(best / name, target / name)
-    description = saved.read_description(best / saved.DESCRIPTION)
-    files.write_json(
-        target / saved.DESCRIPTION, {**description, "description": f"{text}; trained on {description['env']}"}
-    )
-    model = ALGORITHMS[description["algorithm"]].load().load(best / "model.zip", device="cpu")
-    # The optimisers' moments are a third of the file and of no use to act.
-    for part in model.get_parameters():
-        if part.endswith("optimizer"):
-            owner: Any = model
-            for attribute in part.split("."):
-                owner = getattr(owner, attribute)
-            owner.state.clear()
-    checkpoints.save_model(model, target / "model.zip")
+    for name in ("settings.yaml", "results.json"):
+        files.copy(best / name, target / name)
+    model = best / saved.MODEL
+    described = f"{text}; trained on {archive.read(model).env}"
+    checkpoints.save_agent(target / saved.MODEL, lambda file: archive.write_for_acting(model, file, described))
 
 
 def fly_all(
@@ -235,11 +231,17 @@ def fly_all(
         ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _one_thread) as pool,
         tqdm(total=len(flights), unit="flight", file=sys.stderr) as bar,
     ):
-        flown = [pool.submit(_rows, member, scenarios[scenario], own) for scenario, _, member, own in flights]
-        for (scenario, name, _, _), done in zip(flights, flown, strict=True):
-            bar.set_description(f"{scenario}, {name}")
-            rows.setdefault((scenario, name), []).append(done.result())
-            bar.update()
+        try:
+            with interrupts.kept_from_children():
+                flown = [pool.submit(_rows, member, scenarios[scenario], own) for scenario, _, member, own in flights]
+            for (scenario, name, _, _), done in zip(flights, flown, strict=True):
+                bar.set_description(f"{scenario}, {name}")
+                rows.setdefault((scenario, name), []).append(done.result())
+                bar.update()
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            interrupts.stop_children()
+            raise
     scores: dict[str, dict[str, dict[str, Array]]] = {}
     for (scenario, name), own in rows.items():
         found = {key: np.array([[row[key] for row in each] for each in own]) for key in own[0][0]}

@@ -129,6 +129,11 @@ def search(
     complete = [trial for trial in study.trials if trial.state.is_finished()]
     if not complete:
         raise CommandError("interrupted before the first batch was finished; nothing was found.")
+    if not finished:
+        # It may have come between the end of a trial and its place on the disk.
+        with _storage_errors(folder):
+            disk.add_trials(complete[len(disk.trials) :])
+            _write_trials(folder / TRIALS, complete)
     best = study.best_trial
     return Found(Tried(dict(best.params), float(best.values[0]), dict(best.user_attrs)), len(complete), finished)
 

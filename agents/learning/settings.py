@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS, policy_arguments
 from uwoc_gym.given import (
     DEEPEST,
     LIMITS,
@@ -440,7 +440,7 @@ def constructor_arguments(algorithm: str, values: Mapping[str, Any], action_size
     if isinstance(result.get("train_freq"), list):
         result["train_freq"] = tuple(result["train_freq"])
     if result.get("policy_kwargs"):
-        result["policy_kwargs"] = {key: _torch(key, value) for key, value in result["policy_kwargs"].items()}
+        result["policy_kwargs"] = policy_arguments(result["policy_kwargs"])
     noise = values["noise_type"]
     if noise is not None:
         if not ALGORITHMS[algorithm].off_policy:
@@ -451,18 +451,6 @@ def constructor_arguments(algorithm: str, values: Mapping[str, Any], action_size
         kind = NormalActionNoise if noise == "normal" else OrnsteinUhlenbeckActionNoise
         result["action_noise"] = kind(np.zeros(action_size), np.full(action_size, values["noise_std"]))
     return result
-
-
-def _torch(key: str, value: Any) -> Any:
-    if not isinstance(value, str) or not key.endswith(("_fn", "_class")):
-        return value
-    from torch import nn, optim
-
-    name = value.removeprefix("nn.").removeprefix("optim.")
-    found = getattr(nn if key == "activation_fn" else optim, name, None)
-    if not inspect.isclass(found):
-        raise CommandError(f"policy_kwargs.{key} = {shown(value)} is not allowed; it must be a class such as nn.ReLU.")
-    return found
 
 
 def written(values: Mapping[str, Any]) -> dict[str, Any]:

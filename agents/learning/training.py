@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import gymnasium as gym
@@ -18,6 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import checkpoints, environments
@@ -25,7 +23,8 @@ from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, reco
 from uwoc_gym.agents.learning.progress import Progress, read_progress
 from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import constructor_arguments, written
-from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies import archive, saved
+from uwoc_gym.agents.policies.agent import Agent, stack
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, tables
@@ -35,6 +34,12 @@ from uwoc_gym.parameters import SettingError
 
 BASELINES = ("pd", "nlpd", "nlpd-tuned")
 """The controllers whose scores stand in the learning curve."""
+
+_LAST, _BEST = "last.zip", "best.zip"
+"""The last agent, in the run's folder and in a checkpoint, and the best one in a checkpoint."""
+
+_COUNTERS = ("_n_updates", "_episode_num")
+"""What a model counts besides its steps, by Stable-Baselines3's names."""
 
 
 def begun(folder: Path) -> bool:
@@ -66,16 +71,15 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
 
     Raises:
         Interruption: The process was asked to stop; a checkpoint stands where it did.
-        CommandError: Something asked for isn't allowed, the folder holds a run or none, or a file can't be written.
+        CommandError: Something asked for isn't allowed, the folder holds a run or none, another process is at work in
+            it, or a file can't be written.
     """
     # Networks this small gain nothing from more, and runs side by side get in each other's way.
     torch.set_num_threads(threads)
     recorded = None
     if begun(folder):
         if not resume:
-            raise CommandError(
-                f"--out {folder} holds a run already; give --resume to go on with it, or another folder."
-            )
+            raise _taken(folder)
         with naming("--resume"):
             recorded = recorded_plan(folder / "run.json")
     elif resume:
@@ -84,10 +88,18 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
     if recorded is not None:
         check_same(plan, recorded, folder)
     files.output_folder(folder)
-    run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
-    if not run.progress.finished:
-        run.train(bar)
+    with files.locked(folder):
+        if recorded is None and begun(folder):
+            # By a process that has come and gone in the meantime.
+            raise _taken(folder)
+        run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
+        if not run.progress.finished:
+            run.train(bar)
     return run
+
+
+def _taken(folder: Path) -> CommandError:
+    return CommandError(f"--out {folder} holds a run already; give --resume to go on with it, or another folder.")
 
 
 class Interruption(Exception):
@@ -118,7 +130,14 @@ class Run:
         self.command = command
         self.progress = Progress()
         self.kind = ALGORITHMS[plan.algorithm]
+        normalisation = None
         if resume is not None:
+            if not archive.is_agent(resume / _LAST):
+                raise CommandError(
+                    f"{resume} is of version 0.1, whose checkpoints hold pickled objects, and can't be gone on with; "
+                    "begin another run."
+                )
+            normalisation = archive.read(resume / _LAST).normalisation
             self.progress = read_progress(resume / "progress.json")
         self.baselines: dict[str, dict[str, Any]] = {}
         values = plan.values
@@ -126,16 +145,20 @@ class Run:
         self.progress.seeds_used += values["n_envs"]
         base = environments.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
         controller = Controller(plan.gains, plan.practice.known()) if plan.gains is not None and plan.practice else None
-        statistics = str(resume / "vecnormalize.pkl") if resume is not None and values["normalize"] else None
-        env, self.monitor, self.statistics = environments.wrapped(base, values, controller, plan.practice, statistics)
+        env, self.monitor, self.statistics = environments.wrapped(
+            base, values, controller, plan.practice, normalisation
+        )
         self.env = env
-        self.model = self._make(first) if resume is None else self._load(resume)
+        self.model = self._make(first)
+        if resume is not None:
+            self._restore(resume)
         # What is resumed gets episodes and noise of its own, not those it has seen.
         set_random_seed(first)
         env.action_space.seed(first)
         env.seed(first)
-        if resume is not None:
-            self._publish_best(resume)
+        if resume is not None and (resume / _BEST).is_file():
+            # One saved after the checkpoint isn't known to it.
+            files.copy(resume / _BEST, folder / saved.MODEL)
 
     def _make(self, seed: int) -> Any:
         plan = self.plan
@@ -146,16 +169,15 @@ class Run:
         except (TypeError, ValueError, AssertionError, NotImplementedError, RuntimeError) as error:
             raise CommandError(f"{self.kind.name} can't be made with these settings: {error}") from error
 
-    def _load(self, path: Path) -> Any:
-        try:
-            model = self.kind.load().load(path / "last.zip", env=self.env, device="cpu")
-        except Exception as error:
-            raise CommandError(f"checkpoint {path} can't be read: {type(error).__name__}: {error}") from error
-        if (path / "replay.npz").is_file():
-            load_buffer(model.replay_buffer, path / "replay.npz")
-        return model
+    def _restore(self, path: Path) -> None:
+        """Put the model back where a checkpoint left it."""
+        archive.read_training(path / _LAST, self.model)
+        counted = {name: int(self.progress.counters.get(name, 0)) for name in _COUNTERS}
+        vars(self.model).update(counted, num_timesteps=self.progress.steps)
+        if self.kind.off_policy:
+            load_buffer(self.model.replay_buffer, path / "replay.npz")
 
-    def agent(self) -> saved.Agent:
+    def agent(self) -> Agent:
         """The present policy, as it would fly after training."""
         plan = self.plan
         normalise = self.statistics.normalize_obs if self.statistics is not None else None
@@ -163,7 +185,7 @@ class Run:
             Controller(plan.gains, plan.task.known()) if plan.gains is not None and plan.task is not None else None
         )
         frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
-        return saved.Agent(self.model, normalise, frames, controller, scale)
+        return Agent(self.model, normalise, frames, controller, scale)
 
     def train(self, bar: bool = True) -> None:
         """Train to the end of the budget, and leave everything in the folder.
@@ -192,7 +214,7 @@ class Run:
                     file=sys.stderr,
                     disable=not bar,
                 ) as shown,
-                _signals() as asked,
+                interrupts.noted() as asked,
             ):
                 callback = _Watch(self, shown, asked, begun)
                 self._score_baselines()
@@ -219,8 +241,6 @@ class Run:
         # Keyed as a settings file is, so that it can be trained with again.
         text = yaml.safe_dump({plan.env_id.rpartition(":")[2]: written(plan.values)}, sort_keys=False)
         files.write_text(self.folder / "settings.yaml", f"# {self.kind.name}; written by: {self.command}\n{text}")
-        described = saved.describe(plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, plan.gains)
-        files.write_json(self.folder / saved.DESCRIPTION, described)
 
     def _score_baselines(self) -> None:
         if self.plan.task is None:
@@ -249,15 +269,16 @@ class Run:
         best = self.progress.best
         if best is None or found["return"]["mean"] > best["return"]["mean"] or best is found:
             self.progress.best_steps = steps
-            self._save(self.folder, "model.zip", "vecnormalize.pkl")
+            self._save(self.folder / saved.MODEL)
         return found
 
-    def _save(self, folder: Path, model: str, statistics: str) -> None:
-        """Save model and statistics, each whole or not at all."""
-        checkpoints.save_model(self.model, folder / model)
-        if self.statistics is not None:
-            with files.whole(folder / statistics) as part:
-                self.statistics.save(str(part))
+    def _save(self, path: Path) -> None:
+        """Save the present agent whole or not at all."""
+        plan, normalisation = self.plan, environments.normalisation_of(self.statistics)
+        described = saved.describe(
+            plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, plan.gains, normalisation
+        )
+        checkpoints.save_agent(path, lambda file: archive.write(self.model, described, file))
 
     def checkpoint(self) -> None:
         """Write a checkpoint, and the files that tell of the run's progress.
@@ -265,26 +286,18 @@ class Run:
         Raises:
             CommandError: It can't be written; the one before it stays.
         """
-        checkpoints.write(self.folder, self._fill)
-        self._save(self.folder, "last.zip", "last.vecnormalize.pkl")
+        self.progress.counters = {name: int(vars(self.model)[name]) for name in _COUNTERS}
+        written = checkpoints.write(self.folder, self._fill)
+        files.copy(written / _LAST, self.folder / _LAST)
         self.write_results()
 
     def _fill(self, folder: Path) -> None:
-        self._save(folder, "last.zip", "vecnormalize.pkl")
+        self._save(folder / _LAST)
         if self.progress.best_steps is not None:
-            for name in ("model.zip", "vecnormalize.pkl"):
-                if (self.folder / name).is_file():
-                    files.copy(self.folder / name, folder / f"best.{name}")
+            files.copy(self.folder / saved.MODEL, folder / _BEST)
         if self.kind.off_policy:
             save_buffer(self.model.replay_buffer, folder / "replay.npz")
         files.write_json(folder / "progress.json", self.progress.__dict__)
-
-    def _publish_best(self, path: Path) -> None:
-        """Put the checkpoint's best model where users look for it: one saved after the checkpoint isn't known to it."""
-        for name in ("model.zip", "vecnormalize.pkl"):
-            (self.folder / name).unlink(missing_ok=True)
-            if (path / f"best.{name}").is_file():
-                files.copy(path / f"best.{name}", self.folder / name)
 
     def write_results(self) -> None:
         """Write results.json and draw the learning curve."""
@@ -373,7 +386,8 @@ class _Watch(BaseCallback):
             if key in found and found[key]["mean"] is not None:
                 self.logger.record(f"eval/{key}", found[key]["mean"])
         self.logger.record("time/steps_per_s", self._rate())
-        self.logger.dump(self.model.num_timesteps)
+        with files.named(self._run.folder / "tensorboard"):
+            self.logger.dump(self.model.num_timesteps)
 
     def _rate(self) -> float:
         progress = self._run.progress
@@ -423,32 +437,11 @@ class _LogFile(KVWriter):
         values = ", ".join(
             f"{key} {value:.5g}" for key, value in sorted(key_values.items()) if isinstance(value, (int, float))
         )
-        with self._path.open("a", encoding="utf-8") as file:
+        with files.named(self._path), self._path.open("a", encoding="utf-8") as file:
             file.write(f"{now} step {step}: {values}\n")
 
     def close(self) -> None:
         """Nothing is held open."""
-
-
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """A list that SIGINT or SIGTERM adds itself to; the second one stops at once."""
-    asked: list[int] = []
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        if asked:
-            raise KeyboardInterrupt
-        asked.append(number)
-
-    old = {}
-    # Outside the main thread Python lets nobody set handlers.
-    with suppress(ValueError):
-        old = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield asked
-    finally:
-        for number, handler in old.items():
-            signal.signal(number, handler)
 
 
 def _after(steps: int, every: int) -> int:
@@ -474,7 +467,7 @@ def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[d
             if statistics is not None:
                 given = statistics.normalize_obs(given)
             if plan.values["frame_stack"] > 1:
-                given = stacked = saved.stack(stacked, given, begun, plan.values["frame_stack"])
+                given = stacked = stack(stacked, given, begun, plan.values["frame_stack"])
             action, memory = model.predict(given, memory, begun, deterministic=True)
             observation, reward, terminated, truncated, _ = env.step(action[0])
             total, begun, over = total + float(reward), np.zeros(1, dtype=bool), terminated or truncated

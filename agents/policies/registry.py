@@ -9,7 +9,7 @@ from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.modules import import_here
-from uwoc_gym.agents.policies import saved
+from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.baselines.policy import Policy, Predictor
@@ -17,19 +17,17 @@ from uwoc_gym.given import closest, shown
 from uwoc_gym.scenario import Scenario
 
 TRAINED = Path(__file__).parents[1] / "trained"
-"""The agents that come with the package: a folder each, with ``agent.json`` and ``model.zip``."""
+"""The agents that come with the package: a folder each, with ``model.zip``."""
 
 
 def shipped(folder: Path = TRAINED) -> dict[str, Policy]:
     """The agents in a folder, by name; their models are only loaded when they are to fly."""
     found = {}
-    for path in sorted(folder.glob(f"*/{saved.DESCRIPTION}")):
-        model = path.with_name("model.zip")
-        if model.is_file():
-            description = saved.read_description(path)
-            needs = (ALGORITHMS[description["algorithm"]].module,)
-            make = partial(saved.build, model)
-            found[path.parent.name] = Policy(path.parent.name, description["description"], make, needs=needs)
+    for path in sorted(folder.glob(f"*/{saved.MODEL}")):
+        description = archive.read(path)
+        needs = (ALGORITHMS[description.algorithm].module,)
+        name = path.parent.name
+        found[name] = Policy(name, description.description, partial(saved.build, path), needs=needs)
     return found
 
 
@@ -37,24 +35,26 @@ POLICIES: dict[str, Policy] = CONTROLLERS | shipped()
 """The named policies: scripted controllers and shipped agents."""
 
 
-def load(name: str) -> Policy:
+def load(name: str, trust: bool = False) -> Policy:
     """The policy of that name, file or callable.
 
     Args:
         name: A name in `POLICIES`, the folder of a training run (its best model flies), the path of a zip file saved
             by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with what is known of the
-            scenario (`Scenario.known`) and returns an object with Stable-Baselines3's ``predict``. All but names run
-            code: a saved file holds pickled objects, so load only files that you trust. What ``agent.json`` beside a
-            file says is rebuilt: frozen normalisation, stacked frames, a controller that is corrected.
+            scenario (`Scenario.known`) and returns an object with Stable-Baselines3's ``predict``. What the file of an
+            agent says is rebuilt: frozen normalisation, stacked frames, a controller that is corrected.
+        trust: Whether to load files that hold pickled objects too, and so to run whatever is in them: those that
+            Stable-Baselines3 alone has saved, and agents of version 0.1. This package's own agents need none of that;
+            "module:callable" is code, and is run in any case.
 
     Raises:
-        CommandError: There is no such policy, or it can't be loaded.
+        CommandError: There is no such policy, it can't be loaded, or it would have to be trusted.
     """
     if name in POLICIES:
         return POLICIES[name]
     path = Path(name)
     if path.suffix == ".zip" or os.path.exists(name):
-        return saved.load(path)
+        return saved.load(path, trust)
     if ":" in name:
         return _callable(name)
     raise CommandError(

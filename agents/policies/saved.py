@@ -1,39 +1,40 @@
 """Trained agents as policies: a saved model with the wrappers that it was trained in, rebuilt for observations alone.
 
-A folder with a model holds ``agent.json``, which says which algorithm it is and what stands around it: frozen
-normalisation, then stacked frames, and a controller that it corrects.
+Around the network stand frozen normalisation, then stacked frames, and a controller that it corrects.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import pickle
-import zipfile
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.policies import archive, foreign
+from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
-from uwoc_gym.agents.policies.residual import checked_scale, corrected
+from uwoc_gym.agents.policies.archive import Description, Normalisation
 from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
 
-DESCRIPTION = "agent.json"
-FORMAT = 1
+MODEL = "model.zip"
+"""The best agent in the folder of a training run."""
 
 
 def describe(
-    env_id: str, name: str, algorithm: str, values: Mapping[str, Any], scenario: Scenario | None, gains: Gains | None
-) -> dict[str, Any]:
-    """What ``agent.json`` says: all that acting needs besides the model and its normalisation statistics.
+    env_id: str,
+    name: str,
+    algorithm: str,
+    values: Mapping[str, Any],
+    scenario: Scenario | None,
+    gains: Gains | None,
+    normalisation: Normalisation | None,
+) -> Description:
+    """What an agent's file says: all that acting needs besides the weights.
 
     Args:
         env_id: The environment's ID.
@@ -42,65 +43,32 @@ def describe(
         values: Checked settings.
         scenario: The scenario trained for; None for environments of others.
         gains: The controller that the agent corrects, if any.
+        normalisation: Its normalisation as it stands, if any.
     """
-    layout = None
-    if scenario is not None:
-        layout = _interface(scenario)
     residual = None
     if gains is not None:
         residual = {"gains": dataclasses.asdict(gains), "scale": values["residual_scale"]}
-    return {
-        "format": FORMAT,
-        "description": f"{ALGORITHMS[algorithm].name} trained on {name}",
-        "algorithm": algorithm,
-        "env": env_id,
-        "observation": layout,
-        "control_period_s": scenario.episode.control_period_s if scenario is not None else None,
-        "normalize": bool(values["normalize"]),
-        "frame_stack": values["frame_stack"],
-        "residual": residual,
-    }
+    return Description(
+        description=f"{ALGORITHMS[algorithm].name} trained on {name}",
+        algorithm=algorithm,
+        env=env_id,
+        observation=_interface(scenario) if scenario is not None else None,
+        control_period_s=scenario.episode.control_period_s if scenario is not None else None,
+        policy=values["policy"],
+        policy_kwargs=values.get("policy_kwargs") or {},
+        use_sde=values.get("use_sde", False),
+        frame_stack=values["frame_stack"],
+        normalisation=normalisation,
+        residual=residual,
+    )
 
 
-def read_description(path: Path) -> dict[str, Any]:
-    """The ``agent.json`` of a folder.
-
-    Raises:
-        CommandError: It can't be read or is of another format.
-    """
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found["format"] != FORMAT:
-            raise CommandError(f"{path} is of format {found['format']!r}; this version reads {FORMAT}.")
-        if found["algorithm"] not in ALGORITHMS:
-            raise CommandError(f"{path}: algorithm = {found['algorithm']!r} is not one of {', '.join(ALGORITHMS)}.")
-        for key in ("description", "observation", "normalize", "frame_stack", "residual"):
-            found[key]
-    except OSError as error:
-        raise CommandError(f"{path} can't be read: {error.strerror}.") from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise CommandError(f"{path} doesn't describe an agent: {type(error).__name__}: {error}") from None
-    return dict(found)
-
-
-def check_layout(name: str, description: Mapping[str, Any], scenario: Scenario | None = None) -> None:
-    """Refuse an agent that reads observations of another layout.
-
-    Args:
-        name: The agent, for the error.
-        description: What its ``agent.json`` says.
-        scenario: A scenario to fly; its observations' scales must be those trained with.
+def _check_layout(name: str, layout: Mapping[str, Any], scenario: Scenario) -> None:
+    """Refuse an agent whose observations or actions aren't those of a scenario.
 
     Raises:
-        CommandError: It was trained for another layout.
+        CommandError: It was trained for others.
     """
-    layout = description["observation"]
-    if layout is None:
-        raise CommandError(
-            f"policy {name!r} was trained in {description.get('env')!r}, whose observations are not this package's."
-        )
-    if scenario is None:
-        return
     flown = _interface(scenario)
     if layout["entries"] != flown["entries"]:
         lacks = [f"{new!r}" for new in flown["entries"] if new not in layout["entries"]]
@@ -115,9 +83,9 @@ def check_layout(name: str, description: Mapping[str, Any], scenario: Scenario |
             f"policy {name!r} was trained for another observation layout: its scales are {layout['scales']}, the "
             f"scenario's {flown['scales']}."
         )
-    if _actions_of(layout) != flown["actions"]:
+    if layout["actions"] != flown["actions"]:
         raise CommandError(
-            f"policy {name!r} was trained for other actions: {', '.join(_actions_of(layout))}; the scenario's are "
+            f"policy {name!r} was trained for other actions: {', '.join(layout['actions'])}; the scenario's are "
             f"{', '.join(flown['actions'])}."
         )
 
@@ -132,239 +100,68 @@ def _interface(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _actions_of(layout: Mapping[str, Any]) -> list[str]:
-    """The actions that an agent was trained for; before they could be chosen there was one kind."""
-    return list(layout.get("actions", Scenario().actions))
-
-
-class Agent:
-    """A model with all that stood between it and the environment in training.
-
-    Args:
-        model: A model of Stable-Baselines3 or sb3-contrib.
-        normalise: Its observation statistics, frozen, if it was trained with some.
-        frames: How many observations in a row it sees.
-        controller: What its actions correct, if anything.
-        scale: What an action of 1 adds to the controller's.
-    """
-
-    def __init__(
-        self,
-        model: Any,
-        normalise: Callable[[Any], Any] | None = None,
-        frames: int = 1,
-        controller: Controller | None = None,
-        scale: float = 1.0,
-    ) -> None:
-        self.model = model
-        self.controller = controller
-        self._normalise = normalise
-        self._frames = frames
-        self._scale = checked_scale(scale)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[npt.NDArray[np.float32], Any]:
-        """Actions for observations, called as in Stable-Baselines3.
-
-        Args:
-            observation: Shape (size,) or (N, size), size 20 unless it was trained on other observation groups.
-            state: The memory that the last call returned; None in the first.
-            episode_start: Where an episode begins, bool of shape () or (N,); by default nowhere after the first call.
-            deterministic: Whether to take the most likely action instead of drawing one.
-
-        Returns:
-            Actions of shape (3,) or (N, 3), or what the kind trained for has, and the memory for the next call.
-
-        Raises:
-            ValueError: The observation has another shape.
-        """
-        seen = np.asarray(observation, dtype=np.float32)
-        size = self.model.observation_space.shape[0] // self._frames
-        if seen.ndim not in (1, 2) or seen.shape[-1] != size:
-            raise ValueError(f"observation has shape {seen.shape}; it must be ({size},) or (N, {size}).")
-        batch = np.atleast_2d(seen)
-        start = np.zeros(len(batch), dtype=bool) if episode_start is None else np.atleast_1d(episode_start).astype(bool)
-        stacked, memory = state if state is not None else (None, None)
-        given = batch if self._normalise is None else self._normalise(batch)
-        if self._frames > 1:
-            given = stacked = stack(stacked, given, start, self._frames)
-        actions, memory = self.model.predict(given, memory, start, deterministic)
-        if self.controller is not None:
-            actions = corrected(self.controller.predict(batch)[0], actions, self._scale)
-        return (actions if seen.ndim == 2 else actions[0]), (stacked, memory)
-
-
-def stack(
-    stacked: npt.NDArray[np.float32] | None,
-    observations: npt.NDArray[np.float32],
-    episode_start: npt.NDArray[np.bool_],
-    frames: int,
-) -> npt.NDArray[np.float32]:
-    """The observations behind those before them, oldest first, zero before the episode began: as VecFrameStack does.
-
-    Args:
-        stacked: What the last call returned, (N, frames * size); None in the first.
-        observations: Shape (N, size).
-        episode_start: Where an episode begins, (N,).
-        frames: Number of observations in a row.
-    """
-    size = observations.shape[1]
-    result = np.zeros((len(observations), frames * size), dtype=np.float32)
-    if stacked is not None:
-        result[:, :-size] = np.where(episode_start[:, None], 0.0, stacked[:, size:])
-    result[:, -size:] = observations
-    return result
-
-
-def load_model(path: Path, algorithm: str) -> Any:
-    """A saved model, for acting only.
-
-    Raises:
-        CommandError: It can't be loaded, or what it needs isn't installed.
-    """
-    kind = ALGORITHMS[algorithm]
-    require(kind.module)
-    try:
-        # Schedules aren't needed to act, and pickled closures may not load in another version of Python.
-        unused = {"learning_rate": 0.0, "lr_schedule": _zero, "clip_range": _zero, "clip_range_vf": None}
-        return kind.load().load(path, device="cpu", custom_objects=unused)
-    except Exception as error:
-        text = str(error).splitlines()[0] if str(error) else ""
-        raise CommandError(f"policy {str(path)!r} can't be loaded: {type(error).__name__}: {text}") from None
-
-
-def _zero(progress_remaining: float) -> float:
-    return 0.0
-
-
-def load_normaliser(path: Path) -> Callable[[Any], Any]:
-    """The frozen observation statistics of a saved VecNormalize.
-
-    Raises:
-        CommandError: The file isn't one.
-    """
-    try:
-        with path.open("rb") as file:
-            normalise: Callable[[Any], Any] = pickle.load(file).normalize_obs
-    except Exception as error:
-        raise CommandError(f"{str(path)!r} is not a saved VecNormalize: {type(error).__name__}: {error}") from None
-    return normalise
-
-
-def normaliser_path(model: Path) -> Path:
-    """Where a model's statistics stand: in last.vecnormalize.pkl for last.zip, else in vecnormalize.pkl beside it."""
-    own = model.with_name(f"{model.stem}.vecnormalize.pkl")
-    return own if own.is_file() else model.with_name("vecnormalize.pkl")
-
-
-def check_shapes(name: str, model: Any, entries: int, actions: int, frames: int = 1) -> None:
-    """Refuse a model whose observations or actions have other shapes than those of a layout.
-
-    Args:
-        name: The policy, for the error.
-        model: What was loaded.
-        entries: Length of an observation.
-        actions: Length of an action.
-        frames: How many observations in a row it sees.
-
-    Raises:
-        CommandError: They have other shapes.
-    """
-    shapes = (model.observation_space.shape, model.action_space.shape)
-    if shapes != ((entries * frames,), (actions,)):
-        raise CommandError(
-            f"policy {name!r} has observations and actions of shapes {shapes[0]} and {shapes[1]}; they must be "
-            f"({entries * frames},) and ({actions},)."
-        )
-
-
-def check_model(path: Path) -> None:
-    """Load a model beside an ``agent.json``, to find now what is wrong with it.
-
-    Raises:
-        CommandError: It can't be loaded or was trained for another observation layout.
-    """
-    _parts.cache_clear()
-    _parts(path)
-
-
 @cache
-def _parts(path: Path) -> tuple[Any, Callable[[Any], Any] | None, dict[str, Any]]:
-    description = read_description(path.with_name(DESCRIPTION))
-    check_layout(str(path), description)
-    model = load_model(path, description["algorithm"])
-    layout = description["observation"]
-    check_shapes(str(path), model, len(layout["entries"]), len(_actions_of(layout)), description["frame_stack"])
-    normalise = load_normaliser(normaliser_path(path)) if description["normalize"] else None
-    return model, normalise, description
+def _parts(path: Path, old: bool) -> tuple[Any, Callable[[Any], Any] | None, Description]:
+    """Network, normalisation and description of an agent's file."""
+    if old:
+        return foreign.read_old_agent(path)
+    policy, description = archive.read_policy(path)
+    return policy, description.normalisation, description
 
 
-def build(path: Path, scenario: Scenario) -> Agent:
-    """The agent of a model beside an ``agent.json``.
+def build(path: Path, scenario: Scenario, old: bool = False) -> Agent:
+    """The agent of a file.
 
     Args:
-        path: The model's file.
+        path: The file.
         scenario: What is flown, of which a corrected controller knows what its designer would.
+        old: Whether it is of version 0.1, and is trusted.
 
     Raises:
         CommandError: It can't be loaded or was trained for another observation layout.
     """
-    model, normalise, description = _parts(path)
-    check_layout(str(path), description, scenario)
-    residual = description["residual"]
+    policy, normalise, description = _parts(path, old)
+    assert description.observation is not None
+    _check_layout(str(path), description.observation, scenario)
+    residual = description.residual
     if residual is None:
-        return Agent(model, normalise, description["frame_stack"])
+        return Agent(policy, normalise, description.frame_stack)
     try:
         controller = Controller(Gains(**residual["gains"]), scenario)
-        return Agent(model, normalise, description["frame_stack"], controller, residual["scale"])
+        return Agent(policy, normalise, description.frame_stack, controller, residual["scale"])
     except (SettingError, TypeError, KeyError) as error:
         raise CommandError(f"policy {str(path)!r} has a residual that is not allowed: {error}") from None
 
 
-# A setting that only models of the class have; the file doesn't name the class itself. The first match counts.
-_TELL_TALE = (
-    ("tqc", "top_quantiles_to_drop_per_net"),
-    ("sac", "target_entropy"),
-    ("td3", "policy_delay"),
-    ("recurrent_ppo", "_last_lstm_states"),
-    ("ppo", "clip_range"),
-    ("a2c", "normalize_advantage"),
-)
+def load(path: Path, trust: bool = False) -> Policy:
+    """The policy of a training run's folder, or of a zip file.
 
-
-def load(path: Path) -> Policy:
-    """The policy of a training run's folder, or of a zip file saved by Stable-Baselines3 or sb3-contrib.
+    Args:
+        path: The folder or the file.
+        trust: Whether to load what holds pickled objects too, and so to run what it says: a zip file that
+            Stable-Baselines3 or sb3-contrib alone has saved, or an agent of version 0.1 of this package.
 
     Raises:
-        CommandError: There is none, or it can't be loaded.
+        CommandError: There is none, it can't be loaded, or it holds pickled objects and isn't trusted.
     """
     given = str(path)
     if path.is_dir():
-        path = path / "model.zip"
+        path = path / MODEL
     if not path.is_file():
         raise CommandError(f"policy {str(path)!r}: there is no such file.")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            settings = json.loads(archive.read("data"))
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError):
-        raise CommandError(f"policy {str(path)!r} is not a zip file saved by Stable-Baselines3.") from None
-    if path.with_name(DESCRIPTION).is_file():
-        # Built once to meet errors now rather than in the middle of a benchmark.
-        description = read_description(path.with_name(DESCRIPTION))
-        check_model(path)
-        return Policy(given, description["description"], partial(build, path))
-    algorithm = next((name for name, setting in _TELL_TALE if setting in settings), None)
-    if algorithm is None:
-        known = ", ".join(each.name for each in ALGORITHMS.values())
-        raise CommandError(f"policy {str(path)!r} was saved by another algorithm than {known}.")
-    model = load_model(path, algorithm)
-    statistics = normaliser_path(path)
-    normalise = load_normaliser(statistics) if statistics.is_file() else None
-    agent = Agent(model, normalise)
-
-    def make(scenario: Scenario) -> Agent:
-        check_shapes(given, model, scenario.observation.size, len(scenario.actions))
-        return agent
-
-    return Policy(given, f"saved {ALGORITHMS[algorithm].name} model", make)
+    if archive.is_agent(path):
+        old = False
+    else:
+        old = foreign.is_old_agent(path)
+        if not trust:
+            what = "an agent of version 0.1" if old else "saved by Stable-Baselines3 alone"
+            raise CommandError(
+                f"policy {str(path)!r} is {what}: it holds pickled objects, and loading them runs whatever code is in "
+                "them; if you trust whoever made it, give --trust, or trust=True in Python."
+            )
+        if not old:
+            return foreign.load(path, given)
+    # Built once to meet errors now rather than in the middle of a benchmark.
+    _parts.cache_clear()
+    _, _, description = _parts(path, old)
+    return Policy(given, description.description, partial(build, path, old=old))

@@ -42,7 +42,7 @@ def markdown(command: str, results: Mapping[str, Any]) -> str:
     """The benchmark as Markdown."""
     parts = [
         "# Benchmark",
-        f"Written by `{command}`. Every policy flies the same {results['held_out_seeds']} held-out seeds, "
+        f"Written by {tables.code(command)}. Every policy flies the same {results['held_out_seeds']} held-out seeds, "
         "which no training, tuning or choice of a model has seen, on the same observations and actuators. IQM: "
         "interquartile mean. In brackets: 95 % bootstrap intervals over training seeds and scenario seeds. Difference "
         f"and probability of improvement: in return against `{REFERENCE}`, episode by episode. Worst: mean of the "
@@ -51,7 +51,7 @@ def markdown(command: str, results: Mapping[str, Any]) -> str:
         "–: to none. A scenario in which nothing is drawn is flown once by each policy.",
     ]
     for scenario, own in results["results"].items():
-        header = ["", *own]
+        header = ["", *map(tables.escaped, own)]
         first = ("trainings", "episodes")
         lines = [[key, *(str(entry[key]) for entry in own.values())] for key in first]
         for label, key, digits in (
@@ -60,12 +60,12 @@ def markdown(command: str, results: Mapping[str, Any]) -> str:
         ):  # fmt: skip
             lines.append([label, *(statistics.text(entry[key], digits) for entry in own.values())])
         lines += tables.measure_lines(list(own.values()))
-        parts += [f"## {scenario}", tables.grid(header, lines)]
+        parts += [f"## {tables.escaped(scenario)}", tables.grid(header, lines)]
     speeds = results["microseconds_a_decision"]
     parts += [
         "## A decision",
         "Median time of one `predict` on one observation, on the machine that wrote this.",
-        tables.grid(["", *speeds], [["µs", *(f"{value:.0f}" for value in speeds.values())]]),
+        tables.grid(["", *map(tables.escaped, speeds)], [["µs", *(f"{value:.0f}" for value in speeds.values())]]),
         "## Trainings",
     ]
     lines = []
@@ -75,7 +75,8 @@ def markdown(command: str, results: Mapping[str, Any]) -> str:
         speed = np.array([each["steps_per_s"] for each in runs])
         words = " ".join(["uwoc-gym train", *entry["arguments"]])
         lines.append(
-            [group, f"`{words}`", str(len(runs)), f"{runs[0]['settings']['n_timesteps']:,}", f"{minutes.mean():.1f}",
+            [tables.escaped(group), tables.code(words), str(len(runs)),
+             f"{runs[0]['settings']['n_timesteps']:,}", f"{minutes.mean():.1f}",
              f"{speed.mean():,.0f}"]
         )  # fmt: skip
     parts.append(tables.grid(["group", "command", "trainings", "steps", "minutes each", "steps/s"], lines))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import importlib.metadata
 import json
 import math
@@ -53,11 +54,17 @@ def _try_out(folder: Path) -> None:
     Raises:
         OSError: It can't be written to.
     """
+    with _made(folder), tempfile.TemporaryFile(dir=folder):
+        pass
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder, and take it away again if nothing has come into it."""
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        yield
     finally:
         for each in missing:
             with suppress(OSError):
@@ -69,14 +76,92 @@ def whole(path: Path) -> Iterator[Path]:
     """A path to write to, which becomes ``path`` where the block ends without an error; else nothing is left of it.
 
     The folder is made if it isn't there.
+
+    Raises:
+        OSError: It can't be written; the error names ``path``.
     """
     part = path.with_name(f".{path.name}.part")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        yield part
-        os.replace(part, path)
+        with named(path, part):
+            yield part
+            flush(part)
+            os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def named(path: Path, part: Path | None = None) -> Iterator[None]:
+    """Name a file in an error about writing to it: that of a full disk doesn't.
+
+    Args:
+        path: The file.
+        part: What it is called until it is whole.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename not in (None, str(part)):
+            raise
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Be the only process at work in a folder; one that has died isn't.
+
+    Raises:
+        CommandError: Another process is at work in it.
+    """
+    with _made(folder):
+        lock = folder / ".lock"
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT)
+        try:
+            try:
+                _lock(handle)
+            except (BlockingIOError, PermissionError):
+                raise CommandError(
+                    f"--out {folder}: another process is at work in this folder; wait for its end, or give another one."
+                ) from None
+            try:
+                yield
+            finally:
+                if [each.name for each in folder.iterdir()] == [lock.name]:
+                    lock.unlink()
+        finally:
+            os.close(handle)
+
+
+def _lock(handle: int) -> None:
+    """Lock an open file until it is closed.
+
+    Raises:
+        BlockingIOError: Another process has.
+        PermissionError: Another process has, on Windows.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        # A file system that knows no locks refuses nobody.
+        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
+            raise
+
+
+def flush(path: Path) -> None:
+    """Wait until a file, or a folder's list of names, is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def output_folder(path: str | Path, option: str = "--out") -> Path:
@@ -190,17 +275,19 @@ class EpisodesFile:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._file is not None:
-            self._file.close()
+            with named(self._path):
+                self._file.close()
 
     def append(self, scenario: str, policy: str, seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
         """Add finished episodes."""
         if not rows:
             return
-        if self._file is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self._path.open("w", newline="", encoding="utf-8")
-            self._writer = csv.writer(self._file)
-            self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
-        for seed, row in zip(seeds, rows, strict=True):
-            self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])
-        self._file.flush()
+        with named(self._path):
+            if self._file is None:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = self._path.open("w", newline="", encoding="utf-8")
+                self._writer = csv.writer(self._file)
+                self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
+            for seed, row in zip(seeds, rows, strict=True):
+                self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])
+            self._file.flush()

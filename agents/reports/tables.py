@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -124,16 +125,17 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
     parts = []
     for scenario in dict.fromkeys(entry["scenario"] for entry in data):
         own = [entry for entry in data if entry["scenario"] == scenario]
-        header = ["", *(entry["policy"] for entry in own)]
+        header = ["", *(escaped(entry["policy"]) for entry in own)]
         lines = [["episodes", *(str(entry["episodes"]) for entry in own)]]
         lines += measure_lines(own)
         lines.insert(2, ["return, worst 5 %", *(f"{entry['return_worst']:.1f}" for entry in own)])
         partner = next((entry["against"]["policy"] for entry in own if entry["against"]), None)
         if partner is not None:
-            for label, key, digits in ((f"return − {partner}", "difference", 2), (f"P(> {partner})", "improvement", 3)):
+            name = escaped(partner)
+            for label, key, digits in ((f"return − {name}", "difference", 2), (f"P(> {name})", "improvement", 3)):
                 cells = [statistics.text(entry["against"][key], digits) if entry["against"] else "" for entry in own]
                 lines.append([label, *cells])
-        text = f"### {scenario}\n\n{grid(header, lines)}\n"
+        text = f"### {escaped(scenario)}\n\n{grid(header, lines)}\n"
         if any(entry["one_episode_stands_for_all_seeds"] for entry in own):
             text += (
                 "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
@@ -150,8 +152,28 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(parts)
 
 
+def escaped(name: str) -> str:
+    """A name that anybody may have chosen, such as a file's, as Markdown that shows it in one line as it is."""
+    line = "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(name.split()))
+    # A backslash that nothing follows for it to escape, as in a path, may stay.
+    return re.sub(
+        r"\\(?=[!-/:-@\[-`{-~]|$)|[`*<>\[\]|~&]",
+        lambda found: "&#92;" if found[0] == "\\" else f"\\{found[0]}",
+        line,
+    )
+
+
+def code(text: str) -> str:
+    """A text, such as a command, as Markdown's code in one line."""
+    line = " ".join(text.split())
+    fence = "`" * (1 + max((len(run) for run in re.findall("`+", line)), default=0))
+    pad = " " if "`" in line else ""
+    return f"{fence}{pad}{line}{pad}{fence}"
+
+
 def grid(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table with its columns lined up."""
+    """A Markdown table with its columns lined up, one line a row whatever the cells hold."""
+    header, *lines = ([re.sub(r"(?<!\\)\|", r"\|", " ".join(cell.split())) for cell in row] for row in (header, *lines))
     widths = [max(len(line[i]) for line in [header, *lines]) for i in range(len(header))]
     pad = [[f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)] for line in [header, *lines]]
     rule = ["-" * width for width in widths]

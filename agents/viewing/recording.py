@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.agents.viewing.stage import Stage
 from uwoc_gym.agents.viewing.video import writing
@@ -52,7 +51,7 @@ def record(
     stage = Stage(wanted, size)
     count = math.floor((end_s - begin_s) * frames_per_s / speed + 1e-9) + 1
     shown = 0
-    with ExitStack() as files, _interruption() as interrupted:
+    with ExitStack() as files, interrupts.noted() as interrupted:
         writers = [files.enter_context(writing(path, size, frames_per_s)) for path in paths]
         for k in tqdm(range(count), unit="frame", file=sys.stderr, desc="recording"):
             stage.fly_until(begin_s + k * speed / frames_per_s)
@@ -60,20 +59,6 @@ def record(
             for writer in writers:
                 writer.add(frame)
             shown += 1
-            if interrupted.is_set() or stage.ended:
+            if interrupted or stage.ended:
                 break
-    return Recorded(shown, stage.time_s if interrupted.is_set() else None)
-
-
-@contextmanager
-def _interruption() -> Iterator[threading.Event]:
-    """An event that an interrupt at the keyboard sets instead of stopping whatever is under way."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-    before = signal.signal(signal.SIGINT, lambda number, frame: event.set())
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, before)
+    return Recorded(shown, stage.time_s if interrupted else None)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,3 +43,37 @@ def short_file(tmp_path: Path) -> Callable[[float], Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def rewrite() -> Callable[[Path, Mapping[str, bytes | None]], None]:
+    """Replaces members of a zip file; None takes one away."""
+
+    def write(path: Path, members: Mapping[str, bytes | None]) -> None:
+        with zipfile.ZipFile(path) as archive:
+            held: dict[str, bytes | None] = {name: archive.read(name) for name in archive.namelist()}
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, data in {**held, **members}.items():
+                if data is not None:
+                    archive.writestr(name, data)
+
+    return write
+
+
+@pytest.fixture
+def describe_again(rewrite: Callable[[Path, Mapping[str, bytes | None]], None]) -> Callable[[Path, str, Any], None]:
+    """Changes one field, such as "residual.scale", of what an agent's file says; ... takes it away."""
+
+    def change(path: Path, field: str, value: Any) -> None:
+        with zipfile.ZipFile(path) as archive:
+            said = json.loads(archive.read("agent.json"))
+        level, (*parents, last) = said, field.split(".")
+        for parent in parents:
+            level = level[parent]
+        if value is ...:
+            del level[last]
+        else:
+            level[last] = value
+        rewrite(path, {"agent.json": json.dumps(said).encode()})
+
+    return change

@@ -10,6 +10,7 @@ import pytest
 from uwoc_gym import agents
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.policies import archive
 
 OTHER = {
     "observation": {"groups": ["ship", "velocity", "heading", "link", "time"]},
@@ -30,7 +31,8 @@ def test_an_agent_of_other_observations_and_actions(tmp_path: Path, capsys: pyte
     out = tmp_path / "run"
     train = ["train", "--algorithm", "ppo", "--steps", "64", "--envs", "4", "--eval-episodes", "2", "--out", str(out)]
     assert main([*train, *SMALL, *override]) == 0
-    described = json.loads((out / "agent.json").read_text())["observation"]
+    described = archive.read(out / "model.zip").observation
+    assert described is not None
     assert described["actions"] == ["surge force", "yaw moment"]
     assert len(described["entries"]) == 15
     assert main(["evaluate", str(out), "--seeds", "2", *override]) == 0
@@ -53,11 +55,11 @@ def test_a_bare_model_of_other_actions(tmp_path: Path) -> None:
     scenario = Scenario.named("Random").merged(OTHER)
     model = PPO("MlpPolicy", TrackingVecEnv("uwoc/Random-v0", 2, scenario=OTHER), n_steps=8, batch_size=16)
     model.save(tmp_path / "own.zip")
-    agent = agents.load(str(tmp_path / "own.zip"), scenario)
+    agent = agents.load(str(tmp_path / "own.zip"), scenario, trust=True)
     observation = TrackingVecEnv("uwoc/Random-v0", 2, scenario=OTHER).reset()
     assert agent.predict(observation, deterministic=True)[0].shape == (2, 2)
     with pytest.raises(CommandError, match=r"shapes \(15,\) and \(2,\); they must be \(20,\) and \(3,\)"):
-        agents.load(str(tmp_path / "own.zip"))
+        agents.load(str(tmp_path / "own.zip"), trust=True)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ function of its seed and episode number, so it is the same bit for bit on any ba
 from __future__ import annotations
 
 import enum
+import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -18,9 +19,12 @@ import numpy.typing as npt
 from uwoc_gym.compute.records import LANES, STRIDE
 from uwoc_gym.compute.rng import key_from_seed
 from uwoc_gym.given import as_number, as_numbers, closest, count, is_sequence, scalar, shown
+from uwoc_gym.parameters import FARTHEST_M
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.sim import layout, paper
 from uwoc_gym.sim.layout import FIRST_OUT, OUT_ROWS, Drawn
+from uwoc_gym.task.ending import RATE_TIMES_STEP
+from uwoc_gym.world.auv.horizontal import FASTEST
 from uwoc_gym.world.ship.paths import CARRIED_ON
 
 Array = npt.NDArray[np.float64]
@@ -80,6 +84,7 @@ class Fleet:
         self.autoreset = Autoreset(autoreset)
         self._blocks = -(-self.size // LANES)
         self._pool: ThreadPoolExecutor | None = None
+        self._pool_of = 0
         self._seeded = np.zeros(self.size, dtype=bool)
         self._unused = np.zeros((0, 0), dtype=np.float32)
         self.configure(scenario, max_episode_steps)
@@ -94,6 +99,7 @@ class Fleet:
         if old is not None:
             # Seeds and episodes go on. All else is 0, since nothing writes the rows of an effect that doesn't act.
             self._memory.blocks["random"]["all"] = old.blocks["random"]["all"]
+        self._memory.blocks["origin"]["scenario"] = self._origin = layout.origin(scenario)
 
     def _get(self, group: str, name: str) -> Array:
         """A copy of one row of the blocks over all simulations, shape (N,)."""
@@ -153,6 +159,8 @@ class Fleet:
             )
         poses = self._start_values("options['pose']", pose, 3)
         velocities = self._start_values("options['velocity']", velocity, 3)
+        if velocity is not None:
+            _check_velocity(self.scenario, "options['velocity']", velocity, velocities)
         numbers, values, paths = self._chosen({} if parameters is None else parameters, self._drawn)
         rows, only = (np.array([getattr(each, name) for each in numbers], dtype=np.int64) for name in ("row", "only"))
         self._set("random", "episode", which, self._get("random", "episode")[which] + 1.0)
@@ -170,9 +178,11 @@ class Fleet:
         Raises:
             ValueError: As of `reset`.
         """
-        for name, value in (("pose", pose), ("velocity", velocity)):
-            if value is not None:
-                self._start_values(f"options[{name!r}]", value, 3)
+        if pose is not None:
+            self._start_values("options['pose']", pose, 3)
+        if velocity is not None:
+            own = self._start_values("options['velocity']", velocity, 3)
+            _check_velocity(scenario, "options['velocity']", velocity, own)
         if parameters is not None:
             known = self._drawn if scenario is self.scenario else _drawn(scenario)
             self._chosen(parameters, known)
@@ -216,16 +226,20 @@ class Fleet:
     def restore(self, rows: npt.NDArray[np.void], lanes: npt.ArrayLike | None = None) -> None:
         """Put simulations into a state from `snapshot`, of this fleet or another; they go on from it bit for bit.
 
+        The other fleet's scenario must be the same: what it doesn't draw, such as limits and the reward, isn't part of
+        the state.
+
         Args:
             rows: Records of `lane_type`, one for each of ``lanes`` or one for all of them.
             lanes: Indices of n simulations, by default all.
 
         Raises:
-            ValueError: ``lanes`` isn't allowed, there are neither one nor n rows, or their layout is that of a scenario
-                with another number of pulses or of another version; nothing has changed.
+            ValueError: ``lanes`` isn't allowed, there are neither one nor n rows, or they are of another scenario or of
+                another version; nothing has changed.
         """
         which = self._which(lanes)
         numbers = self._numbers_of(rows, which.size)
+        self._let_flow(numbers[:, layout.CURRENT])
         self._memory.rows[which // LANES, :, which % LANES] = numbers
         self._seeded[which] = True
 
@@ -239,7 +253,18 @@ class Fleet:
         if rows.shape not in ((), (1,), (count,)):
             raise ValueError(f"rows have shape {rows.shape}; it must be (1,) or ({count},).")
         flat = np.ascontiguousarray(np.atleast_1d(rows)).view(np.float64)
-        return flat.reshape(-1, self._memory.rows.shape[1])
+        numbers = flat.reshape(-1, self._memory.rows.shape[1])
+        if not (numbers[:, layout.ORIGIN] == self._origin).all():
+            raise ValueError(
+                "rows are of another scenario; they must come from the snapshot() of a fleet with all of this one's "
+                "settings."
+            )
+        return numbers
+
+    def _let_flow(self, water: Array) -> None:
+        """Let currents act if there are any in what is believed or restored."""
+        if water.any():
+            self._memory.world["current"]["acts"] = 1.0
 
     def believe(
         self,
@@ -256,8 +281,8 @@ class Fleet:
         """Put simulations where they are believed to be, without anything that only the simulator knows.
 
         Best on a fleet of `Scenario.known`: all that isn't believed is what its scenario says. The ship's motion is
-        carried on (see `CarriedOnPath`), the current stays as it is. Arguments are for all simulations, or one a
-        simulation with a first axis of length N.
+        carried on (see `CarriedOnPath`), the current stays as it is. Arguments but the time are for all simulations, or
+        one a simulation with a first axis of length N.
 
         Args:
             lanes: Indices of the simulations, by default all.
@@ -267,7 +292,7 @@ class Fleet:
             ship_velocity: Its velocity along x and y and its yaw rate, (3,) [m/s, m/s, rad/s].
             ship_turn_rad_s: Rate at which its course turns [rad/s].
             current: Velocity of the water in the earth frame, (2,) [m/s].
-            time_s: Time in the episode [s], which is taken to the nearest whole control period.
+            time_s: Time in the episode [s], one for all, which is taken to the nearest whole control period.
 
         Raises:
             ValueError: An argument has another shape or isn't finite; nothing has changed.
@@ -275,6 +300,7 @@ class Fleet:
         which = self._which(lanes)
         poses = self._start_values("pose", pose, 3)
         velocities = self._start_values("velocity", velocity, 3)
+        _check_velocity(self.scenario, "velocity", velocity, velocities)
         ship_poses = self._start_values("ship_pose", ship_pose, 3)
         ship_velocities = self._start_values("ship_velocity", ship_velocity, 3)
         water = self._start_values("current", current, 2)
@@ -304,8 +330,7 @@ class Fleet:
             "drawn.ship.yaw_rate_rad_s": ship_velocities[:, 2],
             "drawn.ship.moment_s": step * period,
         }
-        if water.any():
-            self._memory.world["current"]["acts"] = 1.0
+        self._let_flow(water)
         rows = np.array([layout.ROW[name] for name in numbers])
         only = np.full(rows.size, -1)
         values = np.array([np.broadcast_to(value, self.size) for value in numbers.values()])
@@ -336,7 +361,9 @@ class Fleet:
         found = Rollout(np.empty(count), np.empty(count), np.empty(count), np.empty(count, dtype=np.int64))
         scratch = np.zeros(self._memory.rows.shape[1] * STRIDE)
         in_time = np.ascontiguousarray(given.transpose(1, 0, 2))
-        paper.rollout(self._memory.array, scratch, self._numbers_of(rows, count), in_time, *found)
+        roots = self._numbers_of(rows, count)
+        self._let_flow(roots[:, layout.CURRENT])
+        paper.rollout(self._memory.array, scratch, roots, in_time, *found)
         return found
 
     def _chosen(
@@ -386,6 +413,11 @@ class Fleet:
         """Whether each simulation's episode is over, shape (N,)."""
         return self._get("ending", "ended") > 0.0
 
+    @property
+    def diverged(self) -> npt.NDArray[np.bool_]:
+        """Whether the integrator couldn't follow each simulation in the last step, shape (N,)."""
+        return self._get("ending", "diverged") > 0.0
+
     def push(self, lanes: npt.NDArray[np.int64], impulse: npt.ArrayLike) -> None:
         """Change the AUVs' velocities at once, by an impulse over their true masses.
 
@@ -394,15 +426,24 @@ class Fleet:
             impulse: Along surge, along sway and about yaw, shape (3,) [N s, N s, N m s].
 
         Raises:
-            ValueError: The impulse has another shape or isn't finite; nothing has moved.
+            ValueError: The impulse has another shape or isn't finite, or is stronger than the integrator can follow;
+                nothing has moved.
         """
         given = as_numbers(impulse, (3,))
         if given is None:
             raise ValueError(f"impulse = {shown(impulse)} is not allowed; it must be finite and of shape (3,).")
-        rows = (("surge", "inverse_surge"), ("sway", "inverse_sway"), ("yaw_rate", "inverse_yaw"))
-        for own, (velocity, inverse) in zip(given, rows, strict=True):
-            after = self._get("auv", velocity) + own * self._get("auv", inverse)
-            self._set("auv", velocity, lanes, after[lanes])
+        velocities = ("surge", "sway", "yaw_rate")
+        inverses = ("inverse_surge", "inverse_sway", "inverse_yaw")
+        after = np.stack(
+            [
+                self._get("auv", velocity)[lanes] + own * self._get("auv", inverse)[lanes]
+                for own, velocity, inverse in zip(given, velocities, inverses, strict=True)
+            ],
+            axis=-1,
+        )
+        _check_velocity(self.scenario, "impulse", impulse, after)
+        for name, own in zip(velocities, after.T, strict=True):
+            self._set("auv", name, lanes, own)
 
     def _start_values(self, name: str, value: npt.ArrayLike | None, width: int) -> Array:
         if value is None:
@@ -411,6 +452,10 @@ class Fleet:
         if array is None:
             shapes = f"({width},)" if self.size == 1 else f"({width},) or ({self.size}, {width})"
             raise ValueError(f"{name} = {shown(value)} is not allowed; it must be finite and of shape {shapes}.")
+        if np.abs(array).max(initial=0.0) > FARTHEST_M:
+            raise ValueError(
+                f"{name} = {shown(value)} is not allowed; its numbers must be within [{-FARTHEST_M:g}, {FARTHEST_M:g}]."
+            )
         # A copy: Numba compiles anew for views that can't be written to.
         return np.array(np.broadcast_to(array, (self.size, width)), order="C")
 
@@ -461,8 +506,9 @@ class Fleet:
             return paper.NOT_FINITE
         if self.autoreset is Autoreset.DISABLED and self.ended.any():
             return paper.HAS_ENDED
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads)
+        if self._pool is None or self._pool_of != os.getpid():
+            # A pool's threads don't live on in a forked process.
+            self._pool, self._pool_of = ThreadPoolExecutor(self.threads), os.getpid()
         share = -(-self._blocks // self.threads) * LANES
         starts = range(0, self.size, share)
         step: Callable[..., int] = paper.step
@@ -482,9 +528,9 @@ class Fleet:
 
     def close(self) -> None:
         """End the threads, if there are any."""
-        if self._pool is not None:
+        if self._pool is not None and self._pool_of == os.getpid():
             self._pool.shutdown()
-            self._pool = None
+        self._pool = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_pool": None, "_memory": self._memory.array}
@@ -544,6 +590,22 @@ class Fleet:
 def _drawn(scenario: Scenario) -> dict[str, Drawn]:
     """The numbers and choices that episodes of a scenario may draw, by their paths."""
     return {each.path: each for each in layout.drawn_numbers(scenario) if each.path}
+
+
+def _check_velocity(scenario: Scenario, name: str, given: Any, velocities: Array) -> None:
+    """Refuse what gives AUVs velocities, shape (n, 3), that the integrator can't follow."""
+    fastest = np.abs(velocities).max(axis=0, initial=0.0)
+    episode, motion = scenario.episode, scenario.motion
+    rate = motion.rate_at(fastest)
+    if (fastest <= motion.velocity).all() or (
+        rate * episode.integration_step_s <= RATE_TIMES_STEP and (fastest <= FASTEST).all()
+    ):
+        return
+    raise ValueError(
+        f"{name} = {shown(given)} is not allowed: at {fastest.tolist()} [m/s, m/s, rad/s] the motion changes at up to "
+        f"{rate:.3g} 1/s, which the integrator doesn't follow in steps of {episode.integration_step_s:g} s; the steps "
+        f"must be at most {episode.step_for(rate)!r} s, or the velocity slower."
+    )
 
 
 def _coded(value: Any, own: Drawn) -> Any:

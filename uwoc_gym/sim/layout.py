@@ -109,6 +109,7 @@ SPEC: Spec = {
     **OUT,
     "observed": observation.OBSERVED,
     "drawn": _drawn(),
+    "origin": rows("scenario"),
 }
 """Every row of a block but those of the pulses."""
 
@@ -122,6 +123,10 @@ ROW = dict(row_numbers(SPEC))
 """Number of each row by its dotted name."""
 FIRST_OUT = next(ROW[f"{group}.{name}"] for group, own in OUT.items() for name in own)
 OUT_ROWS = sum(count(group) for group in OUT.values())
+ORIGIN = ROW["origin.scenario"]
+"""The row that says of which scenario a state is."""
+CURRENT = [ROW["current.x"], ROW["current.y"], ROW["drawn.current.speed_mps"], ROW["drawn.current.std_mps"]]
+"""The rows that are 0 where no current flows."""
 DRAWN_SHIP = (ROW["drawn.ship.choice"], ROW["drawn.ship.choice"] + count(SPEC["drawn"]["ship"]))
 """First of the rows of the ship's path, and the one after the last."""
 
@@ -292,6 +297,11 @@ def build(scenario: Scenario, size: int, max_steps: int, autoreset: int) -> Memo
     world = _world(scenario, _Layout(draws_at, observed_at, segments_at, blocks_at, doubles, autoreset))
     world["episode"]["max_steps"] = max_steps
     return view(np.concatenate([flat(world), draws.ravel(), observed, splines, np.zeros(-(-size // LANES) * doubles)]))
+
+
+def origin(scenario: Scenario) -> float:
+    """A number that tells scenarios apart."""
+    return float(int(scenario.digest()[:13], 16))
 
 
 def lane_record(scenario: Scenario) -> np.dtype[Any]:

@@ -122,12 +122,12 @@ def test_columns_line_up() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Inner(Parameters):
-    depth_m: Number | None = number(None, "m", "how deep", optional=True)
+    depth_m: Number | None = number(None, "m", "how deep", low=0.0, high=9.0, optional=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outer(Parameters):
-    rate: Number = number((1, 2), "1/s", "how fast", source="a book")
+    rate: Number = number((1, 2), "1/s", "how fast", low=0.0, high=9.0, source="a book")
     on: bool = flag(False, "whether")
     way: str = choice("up", ("up", "down"), "whither")
     times_s: tuple[float, ...] = samples("s", "when")

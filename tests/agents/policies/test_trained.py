@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import gymnasium as gym
@@ -11,16 +12,25 @@ import pytest
 from uwoc_gym import Scenario, agents
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning.seeds import VALIDATION
+from uwoc_gym.agents.policies import archive
+from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES, TRAINED
 
 NAMES = ("ppo", "ppo-residual", "td3")
 
+SHA256 = {
+    "ppo": "948e123f1253970a394b6a04c943c80670c8343b4ad3a6cde80e0933459c58b0",
+    "ppo-residual": "192dc1fd67f8fab4f683a25ab601b2e67f0de6c6b04f11e86fd47459181ccc5f",
+    "td3": "1e706d013f153306d3c63d655b19b5b01a0574a84a358411573e7c92fa441ff2",
+}
+"""Of each agent's file; whoever ships another one says so here."""
+
 
 def test_there_are_a_ppo_an_off_policy_and_a_residual_agent():
     assert {path.name for path in TRAINED.iterdir()} == set(NAMES)
     assert set(NAMES) < set(POLICIES)
-    residual = json.loads((TRAINED / "ppo-residual/agent.json").read_text(encoding="utf-8"))["residual"]
+    residual = archive.read(TRAINED / "ppo-residual/model.zip").residual
     assert residual["scale"] == 0.6
 
 
@@ -35,8 +45,30 @@ def test_folder_says_how_it_was_trained_and_is_small(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_the_file_is_the_one_that_was_shipped(name):
+    assert hashlib.sha256((TRAINED / name / "model.zip").read_bytes()).hexdigest() == SHA256[name]
+    assert {path.name for path in (TRAINED / name).iterdir()} == {"model.zip", "results.json", "settings.yaml"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_acts_as_plain_sb3_does_bit_for_bit(name):
+    said = archive.read(TRAINED / name / "model.zip")
+    agent = agents.load(name, "Random")
+    model = ALGORITHMS[said.algorithm].load().load(TRAINED / name / "model.zip", device="cpu")
+    scale = said.residual["scale"] if said.residual is not None else 1.0
+    plain = Agent(model, None, said.frame_stack, agent.controller, scale)
+    rng = np.random.default_rng(0)
+    memory, own = None, None
+    for step in range(20):
+        observations, begun = rng.normal(size=(5, 20)).astype(np.float32), np.full(5, step == 0)
+        found, memory = agent.predict(observations, memory, begun, deterministic=True)
+        wanted, own = plain.predict(observations, own, begun, deterministic=True)
+        np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_plain_sb3_loads_the_model(name):
-    algorithm = json.loads((TRAINED / name / "agent.json").read_text(encoding="utf-8"))["algorithm"]
+    algorithm = archive.read(TRAINED / name / "model.zip").algorithm
     model = ALGORITHMS[algorithm].load().load(TRAINED / name / "model.zip", device="cpu")
     assert model.observation_space.shape == (80,)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from uwoc_gym.agents.reports import tables
 
 
@@ -35,3 +37,42 @@ def test_one_episode_says_never_or_that_a_measure_does_not_apply() -> None:
     assert by_key["restoring_time_s"].text(math.inf) == "never"
     assert by_key["restoring_time_s"].text(math.nan) == by_key["rmse_x_m"].text(math.nan) == "–"
     assert by_key["restoring_time_s"].text(0.456) == "0.46"
+
+
+NAMES = {
+    "a|b": r"a\|b",
+    "a\nb\r\n c": "a b c",
+    "a`b`": r"a\`b\`",
+    "<b>&amp;": r"\<b\>\&amp;",
+    "[a](b)": r"\[a\](b)",
+    "*a*~~b~~": r"\*a\*\~\~b\~\~",
+    r"a\|b": r"a&#92;\|b",
+    "a\\": "a&#92;",
+    r"runs\my_ppo": r"runs\my_ppo",
+    "a\x1b[31m\u2028b": "a\N{REPLACEMENT CHARACTER}\\[31m b",
+    "runs/my_ppo-2.zip": "runs/my_ppo-2.zip",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_breaks_no_table(name: str) -> None:
+    assert tables.escaped(name) == NAMES[name]
+    rows = [{measure.key: 1.0 for measure in tables.MEASURES}]
+    results = [tables.Result(name, policy, rows, False) for policy in (name, "nlpd-tuned")]
+    lines = tables.table(tables.results_data(results, 0)).splitlines()
+    assert lines[0] == f"### {NAMES[name]}"
+    table = [line for line in lines if line.startswith("|")]
+    assert f"| {NAMES[name]} " in table[0]
+    bare = [line.replace(r"\|", "") for line in table]
+    assert {line.count("|") for line in bare} == {4}
+    assert len(table) == len(tables.MEASURES) + 6
+
+
+def test_cells_and_code_stay_in_their_place() -> None:
+    table = tables.grid(["a|b", "c"], [["x\ny", tables.code("run `z` | tee")]])
+    assert table.splitlines() == [
+        r"| a\|b | c                    |",
+        "| ---- | -------------------- |",
+        r"| x y  | `` run `z` \| tee `` |",
+    ]
+    assert tables.code("uwoc-gym list") == "`uwoc-gym list`"

@@ -181,7 +181,7 @@ class Wider(Vehicle):
 
     @classmethod
     def specs(cls):
-        return {"added": number(1.0, "1", "new", low=0.0, high=2.0).metadata["spec"], **super().specs()}
+        return {"added": number(1.0, "1", "new", low=0.0, high=9.0).metadata["spec"], **super().specs()}
 
     added = 1.0
 

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import os
 import pickle
+import subprocess
+import sys
 import tracemalloc
 
 import numpy as np
@@ -344,7 +347,7 @@ LINKS = {
 }
 
 
-def scattered(fly, link, depth=(1.0, 5.0), size=400, **settings):
+def scattered(fly, link, depth=(1.0, 3.6), size=400, **settings):
     """Lanes all around a ship, some in its cone, stepped once with random actions."""
     start = {"x_m": (-4.0, 4.0), "y_m": (-4.0, 4.0), "yaw_rad": (-3.0, 3.0), "relative_to_ship": True}
     speed = {"surge_mps": (-2.0, 2.0), "sway_mps": (-2.0, 2.0), "yaw_rate_rad_s": (-1.0, 1.0)}
@@ -384,9 +387,9 @@ def test_measures_are_the_links(fly, name):
 def test_measures_with_a_drawn_link(fly):
     link = OpticalLink(
         power_w=(0.05, 0.5),
-        half_power_angle_rad=(0.2, 0.6),
+        half_power_angle_rad=(0.4, 0.6),
         detector_area_m2=(1e-5, 1e-3),
-        field_of_view_rad=(0.5, 1.2),
+        field_of_view_rad=(0.5, 0.8),
         refractive_index=(1.3, 1.7),
         responsivity_a_per_w=(0.3, 0.9),
         attenuation_per_m=(0.0, 0.5),
@@ -647,7 +650,8 @@ def test_the_rewards_bounds_are_reached(fly, kind):
 def test_each_actuator_has_its_own_limit(fly, axis):
     limits = {"max_surge_force_n": 700.0, "max_sway_force_n": 1100.0, "max_yaw_moment_nm": 90.0}
     free = {f"{order}_damping_{name}": 0.0 for order in ("linear", "quadratic") for name in ("surge", "sway", "yaw")}
-    flight = fly(Scenario().merged({"vehicle": limits | free}), velocity=(0.0, 0.0, 0.0))
+    short = {"vehicle": limits | free, "episode": {"duration_s": 1.0}}
+    flight = fly(Scenario().merged(short), velocity=(0.0, 0.0, 0.0))
     action = np.zeros(3)
     action[axis] = 0.5
     state = flight.step(action)
@@ -681,3 +685,26 @@ def test_numbers_of_the_ship_can_be_chosen(fly):
     ):
         with pytest.raises(ValueError, match=message):
             fleet.reset(seen, parameters={name: value})
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_threads_work_in_a_forked_child():
+    code = """
+import os, sys
+import numpy as np
+from uwoc_gym import TrackingVectorEnv
+env = TrackingVectorEnv(100, threads=2)
+env.reset(seed=0)
+actions = np.ones((100, 3), np.float32)
+env.step(actions)
+rows = env.snapshot()
+child = os.fork()
+seen = env.step(actions)[0]
+if not child:
+    env.close()
+    os._exit(int(seen.sum() == 0.0))
+status = os.waitpid(child, 0)[1]
+env.close()
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True, timeout=120)

@@ -86,6 +86,65 @@ def test_other_layouts_and_lanes_are_refused(fly):
         assert (fleet.snapshot() == before).all()
 
 
+def test_states_of_another_scenario_are_refused(fly):
+    fleet = fly(Scenario(), 2).fleet
+    before = fleet.snapshot()
+    for overrides in (
+        {"vehicle": {"max_surge_force_n": 100.0}},
+        {"reward": {"effort": 0.1}},
+        {"ship": {"kind": "random"}},
+        {"sensors": {"position_std_m": 1.0}},
+    ):
+        rows = fly(Scenario().merged(overrides), 2).fleet.snapshot()
+        for use in (fleet.restore, lambda rows: fleet.rollout(rows, np.zeros((2, 3, 3)))):
+            with pytest.raises(ValueError, match=r"rows are of another scenario; .* all of this one's settings"):
+                use(rows)
+        assert (fleet.snapshot() == before).all()
+
+
+def test_the_state_of_an_episode_with_options_is_refused_later():
+    env = uwoc_gym.TrackingEnv()
+    env.reset(seed=0, options={"scenario": {"vehicle": {"max_surge_force_n": 100.0}}})
+    rows = env.snapshot()
+    np.testing.assert_array_equal(env.restore(rows), env.unwrapped.restore(rows))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="rows are of another scenario"):
+        env.restore(rows)
+
+
+def test_a_believed_current_goes_with_the_state(fly):
+    here, there = (fly(Scenario().known(), 1).fleet for _ in range(2))
+    still = {"pose": np.zeros(3), "velocity": np.zeros(3), "ship_pose": np.zeros(3), "ship_velocity": np.zeros(3)}
+    here.believe(**still, current=(0.5, 0.0))
+    rows = here.snapshot()
+    actions = np.zeros((1, 40, 3))
+    drifted = here.rollout(rows, actions).last_distance_m
+    assert drifted > 0.5
+    assert there.rollout(rows, actions).last_distance_m == drifted
+    third = fly(Scenario().known(), 1).fleet
+    third.restore(rows)
+    assert third.rollout(third.snapshot(), actions).last_distance_m == drifted
+
+
+@pytest.mark.parametrize("used_before", [False, True])
+def test_episodes_after_a_restored_one_are_those_of_the_snapshot(used_before):
+    env, other = (gym.make("uwoc/Random-v0").unwrapped for _ in range(2))
+    env.reset(seed=4)
+    rows = env.snapshot()
+    expected = [env.reset()[0] for _ in range(2)]
+    if used_before:
+        other.reset(seed=9)
+    other.restore(rows)
+    np.testing.assert_array_equal([other.reset()[0] for _ in range(2)], expected)
+    vector, again = (uwoc_gym.TrackingVectorEnv(3, "Random") for _ in range(2))
+    vector.reset(seed=4)
+    rows = vector.snapshot()
+    if used_before:
+        again.reset(seed=9)
+    again.restore(rows)
+    np.testing.assert_array_equal(again.reset()[0], vector.reset()[0])
+
+
 def test_environments_have_snapshots_too():
     env = gym.make("uwoc/Random-v0").unwrapped
     observation, _ = env.reset(seed=4)

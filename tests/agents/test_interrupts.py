@@ -1,0 +1,317 @@
+"""Being asked to stop, killed, and left without room: by real signals to real processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from uwoc_gym import agents
+from uwoc_gym.agents import interrupts
+from uwoc_gym.agents.cli import COMMANDS, main
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.learning import checkpoints
+from uwoc_gym.agents.policies import archive
+from uwoc_gym.agents.reports import files
+
+BRIEF = ["--override", '{"episode": {"duration_s": 2.0}}']
+LONG = ["--scenario", "Nominal", "--override", '{"episode": {"duration_s": 100000}}']
+TRAIN = [
+    "--envs", "4", "--eval-episodes", "2", "--set", "n_steps=16", "--set", "batch_size=32", "--set", "n_epochs=1",
+    "--set", "policy_kwargs.net_arch=[8]", "--set", "normalize=true",
+]  # fmt: skip
+OFF = ["--set", "buffer_size=4000", "--set", "batch_size=16", "--set", "learning_starts=50", "--set", "train_freq=8"]
+
+
+def _start(*words: object) -> subprocess.Popen[str]:
+    """The command in a process, and a group, of its own."""
+    command = [sys.executable, "-m", "uwoc_gym_command", *map(str, words)]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "SDL_VIDEODRIVER": "dummy"}
+    # From the checkout's top, where the command's first lines stand.
+    return subprocess.Popen(
+        command,
+        cwd=Path(__file__).parents[2],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def _end(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    """Exit status and what was said."""
+    try:
+        said, errors = process.communicate(timeout=120)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    return process.returncode, said, errors
+
+
+def _await(found: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    end = time.monotonic() + 180
+    while not found():
+        assert process.poll() is None, _end(process)
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def _hears(process: subprocess.Popen[str], number: int) -> bool:
+    """Whether a process has a handler of its own for a signal."""
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
+
+
+def _lines(path: Path) -> int:
+    return len(path.read_text().splitlines()) if path.is_file() else 0
+
+
+WORK: dict[str, tuple[list[str], Callable[[Path], bool]]] = {
+    "train": (["--steps", "10000000", "--eval-every", "64", *TRAIN, *BRIEF, "--out", "OUT"],
+              lambda out: (out / "last.zip").is_file()),
+    "benchmark": (["--policy", "pd", "--scenario", "Random", "--seeds", "1000000", "--batch", "2", *BRIEF,
+                   "--out", "OUT"],
+                  lambda out: _lines(out / "episodes.csv") > 3),
+    "evaluate": (["pd", "--seeds", "10000000", *BRIEF, "--out", "OUT"], lambda out: out.is_dir()),
+    "tune": (["pd", "--trials", "1000000", "--episodes", "2", *BRIEF, "--out", "OUT"],
+             lambda out: _lines(out / "trials.csv") > 20),
+    "calibrate": (["nlpd", "--trials", "1000000", "--batch", "8", "--out", "OUT"],
+                  lambda out: _lines(out / "trials.csv") > 8),
+    "protocol": (["--groups", "ppo", "--training-seeds", "2", "--steps", "10000000", "--runs", "OUT/runs",
+                  "--out", "OUT"],
+                 lambda out: len(list(out.glob("runs/*/train.log"))) == 2),
+    "reproduce": (["--out", "OUT"], lambda out: out.is_dir()),
+    "record": (["--policy", "pd", *LONG, "--to", "90000", "--size", "320x180", "--out", "OUT.mp4"],
+               lambda out: out.with_name(".OUT.mp4.part").is_file()),
+    "replay": ([*LONG, "--out", "OUT.html"], lambda out: True),
+    "watch": (["--policy", "pd", *LONG, "--size", "320x180"], lambda out: True),
+    "speed": (["--time", "100", "--out", "OUT"], lambda out: out.is_dir()),
+}  # fmt: skip
+"""Work that takes long, and how one sees that it has begun."""
+
+
+def _interrupted(command: str, number: int, folder: Path, group: bool, wait_s: float) -> tuple[int, str, str]:
+    words, begun = WORK[command]
+    out = folder / "OUT"
+    process = _start(command, *(word.replace("OUT", str(out)) for word in words))
+    _await(lambda: begun(out) and _hears(process, signal.SIGTERM), process)
+    time.sleep(wait_s)
+    (os.killpg if group else os.kill)(process.pid, number)
+    return _end(process)
+
+
+def test_all_commands_that_take_long_are_interrupted() -> None:
+    assert set(WORK) == set(COMMANDS) - {"list"}
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
+@pytest.mark.parametrize("command", WORK)
+def test_sigterm_ends_a_command_as_an_interrupt_does(command: str, tmp_path: Path) -> None:
+    status, _, errors = _interrupted(command, signal.SIGTERM, tmp_path, False, 1.5)
+    assert status == 128 + signal.SIGTERM, errors
+    assert "Traceback" not in errors
+    last = errors.splitlines()[-1]
+    assert last.startswith(f"uwoc-gym {command}")
+    assert "interrupted" in last
+    assert not [path for path in tmp_path.rglob(".*") if path.name.endswith((".part", ".draft"))]
+    out = tmp_path / "OUT"
+    match command:
+        case "train":
+            assert agents.load(str(out), "Random") is not None
+            assert json.loads((out / "results.json").read_text())["finished"] is False
+        case "benchmark":
+            results = json.loads((out / "results.json").read_text())
+            assert results["finished"] is False
+            assert results["results"][0]["episodes"] == _lines(out / "episodes.csv") - 1 > 0
+            assert "# Random" in (out / "table.md").read_text()
+        case "evaluate":
+            results = json.loads((out / "results.json").read_text())
+            assert results["finished"] is False
+            assert results["results"][0]["episodes"] == len(results["episodes"]) > 0
+            assert len(results["settings"]["seeds"]) == len(results["episodes"])
+        case "tune" | "calibrate":
+            results = json.loads((out / "results.json").read_text())
+            assert results["finished"] is False
+            assert results["trials"] == _lines(out / "trials.csv") - 1
+        case "protocol":
+            # Each training was told, and wrote where it stood.
+            for path in (out / "runs").iterdir():
+                assert checkpoints.newest(path) is not None
+        case "record":
+            assert (tmp_path / "OUT.mp4").stat().st_size > 1000
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
+def test_ctrl_c_reaches_the_whole_group_and_is_answered_once(tmp_path: Path) -> None:
+    status, _, errors = _interrupted("protocol", signal.SIGINT, tmp_path, True, 1.0)
+    assert status == 130, errors
+    assert "Traceback" not in errors
+    assert errors.splitlines()[-1] == "uwoc-gym protocol: error: interrupted"
+    for path in (tmp_path / "OUT/runs").iterdir():
+        assert checkpoints.newest(path) is not None
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
+def test_ctrl_c_during_the_import_is_one_line() -> None:
+    draw = random.Random(0)
+    for number in (signal.SIGINT, signal.SIGINT, signal.SIGINT, signal.SIGTERM):
+        process = _start("benchmark", "--seeds", "1000000")
+        _await(lambda one=process: _hears(one, signal.SIGTERM), process)  # type: ignore[misc]
+        time.sleep(draw.uniform(0.0, 0.5))
+        process.send_signal(number)
+        status, said, errors = _end(process)
+        assert (status, said) == (128 + number, "")
+        assert len(errors.splitlines()) == 1, errors
+        assert "interrupted" in errors
+
+
+def test_whatever_kills_a_run_it_loads_and_goes_on(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    draw = random.Random(1)
+    begin = ["train", "--steps", "10000000", "--eval-every", "64", "--checkpoint-every", "16", *TRAIN, *BRIEF]
+    for kill in range(3):
+        before = checkpoints.newest(out)
+        process = _start(*(["train", "--resume"] if kill else begin), "--out", out)
+        _await(lambda last=before: checkpoints.newest(out) not in (None, last), process)  # type: ignore[misc]
+        time.sleep(draw.uniform(0.0, 0.4))
+        process.kill()
+        _end(process)
+        last = checkpoints.newest(out)
+        assert last is not None
+        progress = json.loads((last / "progress.json").read_text())
+        for path in (out / "model.zip", last / "last.zip", last / "best.zip"):
+            # Weights, their digest and statistics.
+            assert agents.load(str(path), "Random") is not None
+        counted = archive.read(last / "last.zip").normalisation
+        assert counted is not None
+        assert counted.observations is not None
+        assert counted.observations.count >= progress["steps"]
+    assert main(["train", "--resume", "--out", str(out), "--steps", "1"]) == 1
+
+
+def test_two_processes_in_one_folder_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "run"
+    assert main(["train", "--steps", "64", *TRAIN, *BRIEF, "--out", str(out)]) == 0
+    code = (
+        "import sys, time, pathlib\nfrom uwoc_gym.agents.reports import files\n"
+        "with files.locked(pathlib.Path(sys.argv[1])):\n    print('locked', flush=True)\n    time.sleep(600)\n"
+    )
+    holders = [
+        subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True)
+        for folder in (out, tmp_path)
+    ]
+    try:
+        for holder in holders:
+            assert holder.stdout is not None
+            assert holder.stdout.readline() == "locked\n"
+        before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+        capsys.readouterr()
+        for words in (
+            ["train", "--resume", "--out", str(out)],
+            ["tune", "pd", "--trials", "16", "--episodes", "2", *BRIEF, "--out", str(tmp_path)],
+            ["calibrate", "nlpd", "--trials", "64", "--out", str(tmp_path)],
+        ):
+            assert main(words) == 1
+            error = capsys.readouterr().err
+            assert len(error.splitlines()) == 1
+            assert "another process is at work in this folder" in error
+        assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before
+    finally:
+        for holder in holders:
+            holder.kill()
+            holder.communicate()
+    # What is dead holds nothing.
+    assert main(["train", "--resume", "--out", str(out)]) == 0
+
+
+def test_a_lock_ends_with_its_block(tmp_path: Path) -> None:
+    for _ in range(2):
+        with files.locked(tmp_path), pytest.raises(CommandError, match="another process"), files.locked(tmp_path):
+            pass
+
+
+@contextmanager
+def _room(size: int) -> Iterator[None]:
+    """No file may grow beyond so many bytes, as on a disk that is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+WRITERS: dict[str, list[str]] = {
+    "train": ["train", "--steps", "64", *TRAIN, *BRIEF, "--out", "OUT"],
+    "train sac": ["train", "--algorithm", "sac", "--steps", "128", "--envs", "4", "--eval-episodes", "2", *OFF, *BRIEF,
+                  "--out", "OUT"],
+    "benchmark": ["benchmark", "--policy", "pd", "--scenario", "Random", "--seeds", "40", *BRIEF, "--out", "OUT"],
+    "evaluate": ["evaluate", "pd", "--seeds", "40", *BRIEF, "--out", "OUT"],
+    "tune": ["tune", "pd", "--trials", "16", "--episodes", "2", *BRIEF, "--out", "OUT"],
+    "record": ["record", "--policy", "pd", "--to", "1", "--size", "320x180", "--out", "OUT/a.mp4", "OUT/a.gif"],
+    "replay": ["replay", "--policy", "pd", *BRIEF, "--out", "OUT/a.html"],
+    "speed": ["speed", "--render", "--time", "0.1", "--rounds", "1", "--out", "OUT"],
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize("command", WRITERS)
+def test_a_full_disk_names_the_file_and_leaves_no_part(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for size in (0, 700, 15_000):
+        out = tmp_path / str(size)
+        words = [word.replace("OUT", str(out)) for word in WRITERS[command]]
+        with _room(size):
+            status = main(words)
+        error = capsys.readouterr().err
+        if status == 0:
+            assert size > 0
+            continue
+        assert status == 1
+        last = error.splitlines()[-1]
+        assert last.startswith(f"uwoc-gym {words[0]}: error: ")
+        assert str(out) in last, last
+        assert "Traceback" not in error
+        hidden = [path for path in out.rglob(".*") if path.name.endswith((".part", ".draft", ".png"))]
+        assert not [*hidden, *out.rglob("*.part")]
+
+
+def test_the_second_request_stops_at_once_unless_it_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    with interrupts.heard(), interrupts.noted() as asked:
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
+        assert asked == [signal.SIGTERM]
+        monkeypatch.setattr(time, "monotonic", lambda: 1e9)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert interrupts.status() == 128 + signal.SIGTERM
+    with interrupts.heard(), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+    with interrupts.heard():
+        assert interrupts.status() == 128 + signal.SIGINT
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_what_is_begun_apart_does_not_hear_ctrl_c() -> None:
+    code = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+
+    def deaf() -> str:
+        return subprocess.check_output([sys.executable, "-c", code], text=True).strip()
+
+    with interrupts.kept_from_children():
+        assert deaf() == "True"
+    assert deaf() == "False"
