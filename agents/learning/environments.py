@@ -81,8 +81,17 @@ class EpisodeMonitor(VecEnvWrapper):
         return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Advance all environments by one step."""
+        """Advance all environments by one step.
+
+        Raises:
+            CommandError: An episode has diverged, from which there is nothing to learn.
+        """
         observations, rewards, dones, infos = self.venv.step_wait()
+        if any("diverged" in infos[i] for i in np.flatnonzero(dones).tolist()):
+            raise CommandError(
+                "--scenario: the integrator couldn't follow an episode; EpisodeSettings.integration_step_s must be "
+                "shorter for what is drawn there [s]. The last checkpoint is kept."
+            )
         self._sums += rewards
         self._lengths += 1.0
         seen: Any = observations
