@@ -67,7 +67,7 @@ def fly():
 @pytest.fixture(scope="session")
 def below_a_still_ship():
     """Make a scenario in which nothing ends an episode and the ship stays where it is."""
-    episode = EpisodeSettings(duration_s=500.0, control_period_s=0.5, integration_step_s=0.05, lost_distance_m=1e6)
+    episode = EpisodeSettings(duration_s=500.0, control_period_s=0.5, integration_step_s=0.025, lost_distance_m=1e6)
 
     def make(**settings: Any) -> Scenario:
         return Scenario(ship=StraightPath(speed_mps=0.0), episode=episode, **settings)

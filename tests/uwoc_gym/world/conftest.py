@@ -16,14 +16,16 @@ POSE = (1.0, -2.0, 0.4)
 VELOCITY = (0.8, -0.3, 0.5)
 
 
-def _vast_sea(period: float = 0.05, step: float = 0.005, vehicle: Vehicle | None = None, **sea) -> Scenario:
+def _vast_sea(
+    period: float = 0.05, step: float = 0.005, vehicle: Vehicle | None = None, periods: int = 400, **sea
+) -> Scenario:
     """A vast sea, so that no episode ends."""
     return Scenario(
         ship=StraightPath(speed_mps=0.0),
         vehicle=vehicle or Vehicle(),
         sea=Sea(**sea),
         episode=EpisodeSettings(
-            duration_s=period * 10_000, control_period_s=period, integration_step_s=step, lost_distance_m=1e6
+            duration_s=period * periods, control_period_s=period, integration_step_s=step, lost_distance_m=1e6
         ),
     )
 

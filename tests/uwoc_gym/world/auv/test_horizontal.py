@@ -15,6 +15,8 @@ ACTION = (0.0625, 0.03125, 0.09375)
 FORCE = np.array(ACTION) * (2000.0, 2000.0, 500.0)
 MASSES = (100.0, 250.0, 80.0)
 UNDAMPED = {f"{order}_damping_{axis}": 0.0 for order in ("linear", "quadratic") for axis in ("surge", "sway", "yaw")}
+WEAK = {"max_surge_force_n": 0.1, "max_sway_force_n": 0.1, "max_yaw_moment_nm": 0.1}
+"""With what these could do to an undamped hull, no integration step would be short enough."""
 
 
 def assert_agrees(state, expected, atol=1e-8):
@@ -60,11 +62,11 @@ def test_order_of_convergence(fly, frame, damping_scale, vast_sea, exact):
     pulse = Pulse(
         start_s=0.0, duration_s=2.0, force_x_n=200.0, force_y_n=400.0, moment_nm=450.0 * damping_scale, frame=frame
     )
-    vehicle = Vehicle(damping_scale=damping_scale)
+    vehicle = Vehicle(damping_scale=damping_scale, **WEAK)
     expected = np.concatenate(exact(1.0, pulses=[numbers], velocity=velocity, damping_scale=damping_scale))
     errors = []
-    for step in (0.1, 0.05, 0.025, 0.0125):
-        flight = fly(vast_sea(0.1, step, vehicle, pulses=(pulse,)), pose=POSE, velocity=velocity)
+    for step in (0.05, 0.025, 0.0125, 0.00625):
+        flight = fly(vast_sea(0.1, step, vehicle, periods=20, pulses=(pulse,)), pose=POSE, velocity=velocity)
         state = flight.step(0.0, 10)
         errors.append(np.linalg.norm(np.concatenate([state["pose"][0], state["velocity"][0]]) - expected))
     orders = -np.diff(np.log2(errors))
@@ -93,7 +95,7 @@ def test_energy_never_grows(fly, vast_sea):
 
 def test_energy_is_kept_without_damping(fly, vast_sea):
     pose, velocity = random_start(64)
-    flight = fly(vast_sea(vehicle=Vehicle(**UNDAMPED)), 64, pose=pose, velocity=velocity)
+    flight = fly(vast_sea(vehicle=Vehicle(**UNDAMPED, **WEAK)), 64, pose=pose, velocity=velocity)
     before = kinetic_energy(flight.fleet.state())
     start = flight.fleet.state()["velocity"]
     state = flight.step(0.0, 100)

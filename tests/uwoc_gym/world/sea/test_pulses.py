@@ -79,7 +79,7 @@ def test_impulse_is_exact(fly, start, duration, frame, vast_sea):
 
 def test_angular_impulse_is_exact(fly, vast_sea):
     pulse = Pulse(start_s=0.0123, duration_s=0.0517, force_x_n=0.0, force_y_n=0.0, moment_nm=80.0)
-    flight = fly(vast_sea(vehicle=Vehicle(**UNDAMPED), pulses=(pulse,)), pose=(0, 0, 0), velocity=(0, 0, 0))
+    flight = fly(vast_sea(periods=20, vehicle=Vehicle(**UNDAMPED), pulses=(pulse,)), pose=(0, 0, 0), velocity=(0, 0, 0))
     np.testing.assert_allclose(flight.step(0.0, 2)["velocity"][0], [0.0, 0.0, 0.0517], rtol=1e-11)
 
 
