@@ -56,7 +56,7 @@ def test_part_of_an_episode_at_another_speed(
 
 
 def test_an_early_end_ends_the_recording(tmp_path: Path, video_facts: Callable[[Path], Any]) -> None:
-    far = Scenario().merged({"start": {"x_m": 0.0, "y_m": -20.0}, "episode": {"lost_distance_m": 1.0}})
+    far = Scenario().merged({"start": {"x_m": 0.0, "y_m": 9.02, "sway_mps": -5.0}, "episode": {"lost_distance_m": 1.0}})
     path = tmp_path / "far.json"
     path.write_text(far.to_json())
     out = tmp_path / "a.mp4"
