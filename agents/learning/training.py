@@ -95,6 +95,9 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
         run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
         if not run.progress.finished:
             run.train(bar)
+        elif not finished(folder):
+            # It was killed between its last checkpoint and the files that tell of it, or they were damaged.
+            run.tell()
     return run
 
 
@@ -290,6 +293,19 @@ class Run:
         written = checkpoints.write(self.folder, self._fill)
         files.copy(written / _LAST, self.folder / _LAST)
         self.write_results()
+
+    def tell(self) -> None:
+        """Write again what tells of a run that has come to its end.
+
+        Raises:
+            CommandError: A file can't be written.
+        """
+        self._score_baselines()
+        last = checkpoints.newest(self.folder)
+        assert last is not None
+        files.copy(last / _LAST, self.folder / _LAST)
+        self.write_results()
+        self.env.close()
 
     def _fill(self, folder: Path) -> None:
         self._save(folder / _LAST)
@@ -493,7 +509,24 @@ def save_buffer(buffer: Any, path: Path) -> None:
 
 
 def load_buffer(buffer: Any, path: Path) -> None:
-    with np.load(path) as saved:
+    """Fill a replay buffer with what was saved.
+
+    Raises:
+        CommandError: The file can't be read, or is of another buffer.
+    """
+    try:
+        with np.load(path) as saved:
+            held = {name: saved[name] for name in ("pos", "full", *_arrays(buffer))}
+        pos, full = int(held["pos"]), bool(held["full"])
+        filled = buffer.buffer_size if full else pos
+        if not 0 <= pos < buffer.buffer_size:
+            raise ValueError(f"pos = {pos} is not in the buffer")
         for name, value in _arrays(buffer).items():
-            value[: len(saved[name])] = saved[name]
-        buffer.pos, buffer.full = int(saved["pos"]), bool(saved["full"])
+            if held[name].dtype != value.dtype or len(held[name]) < filled:
+                raise ValueError(f"{name} is not what it should be")
+            value[: len(held[name])] = held[name]
+    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
+    except Exception as error:
+        text = " ".join(str(error).split())
+        raise CommandError(f"{path} can't be read: it is damaged, or of another run: {text[:200]}.") from None
+    buffer.pos, buffer.full = pos, full

@@ -12,6 +12,7 @@ for module in ("yaml", "stable_baselines3", "optuna", "pygame", "plotly", "matpl
     pytest.importorskip(module)
 
 from tests.trust import __main__ as trust  # noqa: E402
+from tests.trust import files as damage  # noqa: E402
 from tests.trust import memory  # noqa: E402
 from tests.trust.figures import Wrong, none_of, share  # noqa: E402
 
@@ -64,3 +65,9 @@ def test_every_topic_that_is_there_measures() -> None:
 def test_memory_does_not_grow() -> None:
     figures = memory.measure(False)
     assert not [each for each in figures if isinstance(each[1], Wrong)], figures
+
+
+def test_damaged_files_give_one_clear_line_or_do_no_harm() -> None:
+    for name, (tally, faults) in damage.tried(damage.EXAMPLES).items():
+        assert faults == [], name
+        assert tally["a clear line"] > 0, name
