@@ -217,9 +217,9 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         eval_episodes=episodes,
         checkpoint_every=wish.checkpoint_every or known.get("checkpoint_every", every),
     )
-    with nullcontext() if source is None else naming(f"settings of {source}"):
-        with naming("env_kwargs.scenario is not allowed"):
-            _ = plan.practice
+    of_source = nullcontext() if source is None else naming(f"settings of {source}")
+    with of_source, naming("env_kwargs.scenario is not allowed"):
+        _ = plan.practice
     return plan
 
 
