@@ -14,14 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.trust import writes
+from tests.trust import kills, writes
 from tests.trust.processes import BRIEF, TRAIN, end, lines, start, until
 from uwoc_gym import agents
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.cli import COMMANDS, main
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.learning import checkpoints
-from uwoc_gym.agents.policies import archive
 from uwoc_gym.agents.reports import files
 
 LONG = ["--scenario", "Nominal", "--override", '{"episode": {"duration_s": 100000}}']
@@ -133,28 +132,16 @@ def test_ctrl_c_during_the_import_is_one_line() -> None:
         assert "interrupted" in errors
 
 
-def test_whatever_kills_a_run_it_loads_and_goes_on(tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    draw = random.Random(1)
-    begin = ["train", "--steps", "10000000", "--eval-every", "64", "--checkpoint-every", "16", *TRAIN, *BRIEF]
-    for kill in range(3):
-        before = checkpoints.newest(out)
-        process = start(*(["train", "--resume"] if kill else begin), "--out", out)
-        until(lambda last=before: checkpoints.newest(out) not in (None, last), process)  # type: ignore[misc]
-        time.sleep(draw.uniform(0.0, 0.4))
-        process.kill()
-        end(process)
-        last = checkpoints.newest(out)
-        assert last is not None
-        progress = json.loads((last / "progress.json").read_text())
-        for path in (out / "model.zip", last / "last.zip", last / "best.zip"):
-            # Weights, their digest and statistics.
-            assert agents.load(str(path), "Random") is not None
-        counted = archive.read(last / "last.zip").normalisation
-        assert counted is not None
-        assert counted.observations is not None
-        assert counted.observations.count >= progress["steps"]
-    assert main(["train", "--resume", "--out", str(out), "--steps", "1"]) == 1
+@pytest.mark.parametrize(
+    ("command", "times"),
+    [("train, PPO with normalisation", 2), ("train, SAC", 1), ("tune", 1), ("benchmark", 1)],
+)
+def test_whatever_kills_a_command_its_folder_loads_and_goes_on(command: str, times: int, tmp_path: Path) -> None:
+    _, most, kill = kills.COMMANDS[command]
+    tally = kill(times, tmp_path, random.Random(1))
+    assert tally.wrong == []
+    assert tally.good == tally.kills == times
+    assert max(tally.lost) <= most
 
 
 def test_two_processes_in_one_folder_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
