@@ -179,7 +179,7 @@ def tunings(kills: int, folder: Path, draw: random.Random) -> Tally:
             kept = 0
         lost = max(max(seen) - 1 - kept, 0)
         if lines(table):
-            rows = list(csv.reader(table.open(encoding="utf-8", newline="")))
+            rows = list(csv.reader(table.read_text(encoding="utf-8").splitlines()))
             if len({len(row) for row in rows}) != 1 or len(rows) < max(seen):
                 faults.append(f"trials.csv has {len(rows)} rows after {max(seen)}")
         tally.note(faults, lost)
@@ -263,7 +263,7 @@ COMMANDS: dict[str, tuple[str, int, Callable[[int, Path, random.Random], Tally]]
     "tune": ("trials that stood in trials.csv", 0, tunings),
     "benchmark": ("episodes that stood in episodes.csv", 0, benchmarks),
     "protocol": ("finished trainings", 0, protocols),
-    "evaluate": ("results that were written", 0, evaluations),
+    "evaluate": ("results that it had written, at its end,", 0, evaluations),
 }  # fmt: skip
 """What is counted as finished, how much of it one kill may cost, and what kills it."""
 
