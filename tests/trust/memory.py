@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import sys
 import time
 from pathlib import Path
 
@@ -36,6 +37,8 @@ def grown(steps: int) -> tuple[float, float]:
         if i == calls // 10:
             gc.collect()
             base = resident_mib()
+        if calls > 10_000 and i % (calls // 10) == 0:
+            print(f"  {i * ENVS:,} steps: {resident_mib():.1f} MiB", file=sys.stderr, flush=True)
         env.step(actions[i % len(actions)])
     taken = time.perf_counter() - begun
     gc.collect()
