@@ -251,7 +251,8 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> tuple[str, str, Scenar
         raise CommandError("--scenario is not allowed beside --env, which says the scenario already; leave out one.")
     if wish.scenario is None and wish.override is None and wish.env in (None, known.get("env")) and known:
         # Refuses an environment that isn't there any more.
-        base_scenario(known["env"])
+        with naming("run.json"):
+            base_scenario(known["env"])
         return known["env"], known["name"], _recorded_task(known), tuple(known["overrides"])
     if wish.scenario is not None:
         found = said(wish.scenario, wish.override)

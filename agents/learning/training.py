@@ -26,6 +26,7 @@ from uwoc_gym.agents.learning.settings import constructor_arguments, written
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.agent import Agent, stack
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.archive import Normalisation
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, tables
 from uwoc_gym.baselines import Controller
@@ -87,6 +88,10 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
     plan = planned(wish, recorded)
     if recorded is not None:
         check_same(plan, recorded, folder)
+    last = checkpoints.newest(folder) if resume else None
+    if last is not None:
+        # Before the lock, so that a refusal leaves nothing.
+        _stood(last)
     files.output_folder(folder)
     with files.locked(folder):
         if recorded is None and begun(folder):
@@ -103,6 +108,22 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
 
 def _taken(folder: Path) -> CommandError:
     return CommandError(f"--out {folder} holds a run already; give --resume to go on with it, or another folder.")
+
+
+def _stood(checkpoint: Path) -> tuple[Normalisation | None, Progress]:
+    """Where a checkpoint says that its run stood.
+
+    Raises:
+        CommandError: It can't be read.
+    """
+    last = checkpoint / _LAST
+    if last.is_file() and not archive.is_agent(last):
+        raise CommandError(
+            f"{checkpoint} is of version 0.1, whose checkpoints hold pickled objects, and can't be gone on with; "
+            "begin another run."
+        )
+    progress = read_progress(checkpoint / "progress.json")
+    return archive.read(last).normalisation, progress
 
 
 class Interruption(Exception):
@@ -135,13 +156,7 @@ class Run:
         self.kind = ALGORITHMS[plan.algorithm]
         normalisation = None
         if resume is not None:
-            if not archive.is_agent(resume / _LAST):
-                raise CommandError(
-                    f"{resume} is of version 0.1, whose checkpoints hold pickled objects, and can't be gone on with; "
-                    "begin another run."
-                )
-            normalisation = archive.read(resume / _LAST).normalisation
-            self.progress = read_progress(resume / "progress.json")
+            normalisation, self.progress = _stood(resume)
         self.baselines: dict[str, dict[str, Any]] = {}
         values = plan.values
         first = training_seed(plan.seed, self.progress.seeds_used)
