@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         "groups": {
             group: {
                 "arguments": GROUPS[group].wish.words(),
-                "trainings": [files.read_json(path / "results.json") for path in own],
+                "trainings": [protocol.read_results(path / "results.json") for path in own],
             }
             for group, own in folders.items()
         },

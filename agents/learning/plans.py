@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -194,7 +195,9 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
     else:
         values, _ = settings.resolve(algorithm, env_id, path=own_file)
     values = _overridden(wish, algorithm, values)
-    found = _gains(values["residual"])
+    source = "run.json" if recorded is not None and own_file is None else own_file
+    with nullcontext() if source is None else naming(f"settings of {source}"):
+        found, task = _gains(values["residual"]), _task(base, values)
     if base is None and values["residual"]:
         raise CommandError(f"residual is not allowed for {env_id!r}, which isn't one of this package's.")
     episodes = wish.eval_episodes or known.get("eval_episodes", 32)
@@ -207,14 +210,15 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         name=name,
         seed=seed,
         values=values,
-        task=_task(base, values),
+        task=task,
         overrides=overrides,
         gains=found,
         eval_every=every,
         eval_episodes=episodes,
         checkpoint_every=wish.checkpoint_every or known.get("checkpoint_every", every),
     )
-    with naming("env_kwargs.scenario is not allowed"):
+    of_source = nullcontext() if source is None else naming(f"settings of {source}")
+    with of_source, naming("env_kwargs.scenario is not allowed"):
         _ = plan.practice
     return plan
 
@@ -247,7 +251,8 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> tuple[str, str, Scenar
         raise CommandError("--scenario is not allowed beside --env, which says the scenario already; leave out one.")
     if wish.scenario is None and wish.override is None and wish.env in (None, known.get("env")) and known:
         # Refuses an environment that isn't there any more.
-        base_scenario(known["env"])
+        with naming("run.json"):
+            base_scenario(known["env"])
         return known["env"], known["name"], _recorded_task(known), tuple(known["overrides"])
     if wish.scenario is not None:
         found = said(wish.scenario, wish.override)
@@ -280,6 +285,8 @@ def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str,
     if residual is not None and residual.endswith(".json"):
         with naming("--residual"):
             residual = json_object(residual, file=True)
+        with naming(f"--residual {shown(wish.residual)}"):
+            _gains(residual)
     given = {
         "n_timesteps": wish.steps,
         "n_envs": wish.envs,

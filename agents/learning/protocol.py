@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import sys
 import time
@@ -24,6 +25,7 @@ from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
 from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.given import as_number, shown
 from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
@@ -184,6 +186,30 @@ def jobs_of(groups: Mapping[str, int], runs: Path, steps: int | None) -> dict[st
     }
 
 
+_TOLD = ("best.return.mean", "wall_time_s", "steps_per_s", "settings.n_timesteps")
+"""The numbers of a training that the report and the choice of what is shipped need."""
+
+
+def read_results(path: Path) -> dict[str, Any]:
+    """What the ``results.json`` of a finished training says.
+
+    Raises:
+        CommandError: It can't be read, or lacks a number that is needed.
+    """
+    found = files.read_json(path)
+    for name in _TOLD:
+        value = found
+        for key in name.split("."):
+            value = value.get(key) if isinstance(value, dict) else None
+        number = as_number(value)
+        if number is None or not math.isfinite(number):
+            raise CommandError(
+                f"{path}: {name} = {shown(value)} is not allowed; it must be a finite number. "
+                "Move the file away, and the training is asked for it again."
+            )
+    return dict(found)
+
+
 def ship(own: Sequence[Path], target: Path, text: str) -> None:
     """Copy the agent with the highest validation score to a folder of its own, without what only training needs.
 
@@ -192,7 +218,7 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
     """
 
     def validation(path: Path) -> float:
-        return float(files.read_json(path / "results.json")["best"]["return"]["mean"])
+        return float(read_results(path / "results.json")["best"]["return"]["mean"])
 
     best = max(own, key=validation)
     target.mkdir(parents=True, exist_ok=True)

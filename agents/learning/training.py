@@ -26,6 +26,7 @@ from uwoc_gym.agents.learning.settings import constructor_arguments, written
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.agent import Agent, stack
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.archive import Normalisation
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, tables
 from uwoc_gym.baselines import Controller
@@ -87,6 +88,10 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
     plan = planned(wish, recorded)
     if recorded is not None:
         check_same(plan, recorded, folder)
+    last = checkpoints.newest(folder) if resume else None
+    if last is not None:
+        # Before the lock, so that a refusal leaves nothing.
+        _stood(last)
     files.output_folder(folder)
     with files.locked(folder):
         if recorded is None and begun(folder):
@@ -95,11 +100,30 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
         run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
         if not run.progress.finished:
             run.train(bar)
+        elif not finished(folder):
+            # It was killed between its last checkpoint and the files that tell of it, or they were damaged.
+            run.tell()
     return run
 
 
 def _taken(folder: Path) -> CommandError:
     return CommandError(f"--out {folder} holds a run already; give --resume to go on with it, or another folder.")
+
+
+def _stood(checkpoint: Path) -> tuple[Normalisation | None, Progress]:
+    """Where a checkpoint says that its run stood.
+
+    Raises:
+        CommandError: It can't be read.
+    """
+    last = checkpoint / _LAST
+    if last.is_file() and not archive.is_agent(last):
+        raise CommandError(
+            f"{checkpoint} is of version 0.1, whose checkpoints hold pickled objects, and can't be gone on with; "
+            "begin another run."
+        )
+    progress = read_progress(checkpoint / "progress.json")
+    return archive.read(last).normalisation, progress
 
 
 class Interruption(Exception):
@@ -132,13 +156,7 @@ class Run:
         self.kind = ALGORITHMS[plan.algorithm]
         normalisation = None
         if resume is not None:
-            if not archive.is_agent(resume / _LAST):
-                raise CommandError(
-                    f"{resume} is of version 0.1, whose checkpoints hold pickled objects, and can't be gone on with; "
-                    "begin another run."
-                )
-            normalisation = archive.read(resume / _LAST).normalisation
-            self.progress = read_progress(resume / "progress.json")
+            normalisation, self.progress = _stood(resume)
         self.baselines: dict[str, dict[str, Any]] = {}
         values = plan.values
         first = training_seed(plan.seed, self.progress.seeds_used)
@@ -290,6 +308,19 @@ class Run:
         written = checkpoints.write(self.folder, self._fill)
         files.copy(written / _LAST, self.folder / _LAST)
         self.write_results()
+
+    def tell(self) -> None:
+        """Write again what tells of a run that has come to its end.
+
+        Raises:
+            CommandError: A file can't be written.
+        """
+        self._score_baselines()
+        last = checkpoints.newest(self.folder)
+        assert last is not None
+        files.copy(last / _LAST, self.folder / _LAST)
+        self.write_results()
+        self.env.close()
 
     def _fill(self, folder: Path) -> None:
         self._save(folder / _LAST)
@@ -493,7 +524,24 @@ def save_buffer(buffer: Any, path: Path) -> None:
 
 
 def load_buffer(buffer: Any, path: Path) -> None:
-    with np.load(path) as saved:
+    """Fill a replay buffer with what was saved.
+
+    Raises:
+        CommandError: The file can't be read, or is of another buffer.
+    """
+    try:
+        with np.load(path) as saved:
+            held = {name: saved[name] for name in ("pos", "full", *_arrays(buffer))}
+        pos, full = int(held["pos"]), bool(held["full"])
+        filled = buffer.buffer_size if full else pos
+        if not 0 <= pos < buffer.buffer_size:
+            raise ValueError(f"pos = {pos} is not in the buffer")
         for name, value in _arrays(buffer).items():
-            value[: len(saved[name])] = saved[name]
-        buffer.pos, buffer.full = int(saved["pos"]), bool(saved["full"])
+            if held[name].dtype != value.dtype or len(held[name]) < filled:
+                raise ValueError(f"{name} is not what it should be")
+            value[: len(held[name])] = held[name]
+    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
+    except Exception as error:
+        text = " ".join(str(error).split())
+        raise CommandError(f"{path} can't be read: it is damaged, or of another run: {text[:200]}.") from None
+    buffer.pos, buffer.full = pos, full

@@ -18,7 +18,7 @@ from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.plans import Wish
 from uwoc_gym.agents.policies.registry import load, shipped
-from uwoc_gym.agents.reports import tables
+from uwoc_gym.agents.reports import files, tables
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +129,22 @@ def test_groups_say_the_commands_of_the_benchmark():
     for name, group in protocol.GROUPS.items():
         assert f"| {name} " in text
         assert f"`{' '.join(['uwoc-gym train', *group.wish.words()])}`" in text
+
+
+@pytest.mark.parametrize("damage", [{"best": None}, {"best": {"return": 5}}, {"wall_time_s": True}, {"settings": []}])
+def test_results_of_a_training_that_lack_what_the_report_needs_are_refused(tmp_path, damage):
+    whole = {
+        "finished": True, "best": {"return": {"mean": 1.0}}, "wall_time_s": 2.0, "steps_per_s": 3,
+        "settings": {"n_timesteps": 4},
+    }  # fmt: skip
+    path = tmp_path / "results.json"
+    files.write_json(path, whole)
+    assert protocol.read_results(path) == whole
+    files.write_json(path, {**whole, **damage})
+    (name,) = damage
+    with pytest.raises(CommandError, match=rf"results.json: {name}.* is not allowed; it must be a finite number"):
+        protocol.read_results(path)
+    files.write_text(path, "[]")
+    with pytest.raises(CommandError, match=r"best\.return\.mean"):
+        protocol.ship([tmp_path], tmp_path / "shipped", "")
+    assert not (tmp_path / "shipped").exists()

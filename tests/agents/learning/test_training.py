@@ -334,3 +334,35 @@ def test_a_wish_is_planned_as_it_is_recorded_and_says_its_command(algorithm: str
     assert shlex.split(recorded["command"]) == shlex.split(job.command)
     for key, value in plans.planned(wish).to_dict().items():
         assert recorded[key] == value
+
+
+def test_what_tells_of_a_finished_run_is_written_again_where_a_kill_or_damage_took_it(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert main(_command("ppo", out, steps=64)) == 0
+    before, last = _results(out), (out / "last.zip").read_bytes()
+    # Killed right after the last checkpoint, and damaged later.
+    for left in (json.dumps({**before, "finished": False, "best": None}), '{"finished": tr'):
+        (out / "results.json").write_text(left)
+        (out / "last.zip").unlink()
+        assert main(["train", "--resume", "--out", str(out)]) == 0
+        assert {**_results(out), "command": before["command"]} == before
+        assert (out / "last.zip").read_bytes() == last
+
+
+def test_a_damaged_replay_buffer_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "run"
+    assert main(_command("sac", out, steps=128)) == 0
+    checkpoint = checkpoints.newest(out)
+    assert checkpoint is not None
+    path = checkpoint / "replay.npz"
+    with np.load(path) as saved:
+        held = dict(saved)
+    capsys.readouterr()
+    for changes in ({"pos": -1}, {"pos": 10**6}, {"full": True}, {"actions": held["actions"][:, :, :2]},
+                    {"rewards": held["rewards"].astype(complex)}, {"pos": np.array([None])}):  # fmt: skip
+        np.savez(path, **{**held, **changes})
+        assert main(["train", "--resume", "--out", str(out)]) == 1
+        assert f"{path} can't be read: it is damaged" in capsys.readouterr().err
+    path.write_bytes(b"PK and nothing more")
+    assert main(["train", "--resume", "--out", str(out)]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -4,33 +4,20 @@ import os
 import pickle
 import subprocess
 import sys
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import uwoc_gym
-from uwoc_gym.compute import compiled
+from tests.trust import caches
 from uwoc_gym.sim import paper
 
 
 @pytest.fixture
 def toy(tmp_path):
     """A package with this package's `compiled`, an equation in a room of its own, and two functions of it."""
-    own = Path(compiled.__file__).relative_to(Path(uwoc_gym.__file__).parent)
-    inside = f"toy.{own.with_suffix('').as_posix().replace('/', '.')}"
-    files = {
-        own.as_posix(): Path(compiled.__file__).read_text(),
-        "rooms/equation.py": f"from {inside} import inlined\n@inlined\ndef times(x):\n    return 2.0 * x\n",
-        "main.py": f"from {inside} import compiled, over_arrays\nfrom toy.rooms.equation import times\n"
-        "@compiled\ndef run(x):\n    return 10.0 + times(x)\n"
-        "@over_arrays\ndef run_over(x):\n    return 10.0 + times(x)\n",
-    }
-    for name, text in files.items():
-        path = tmp_path / "toy" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+    caches.make_toy(tmp_path)
 
     def result(before=""):
         """What both functions give, how often the first came from the cache, and the warnings."""
@@ -68,17 +55,8 @@ def test_this_package_is_imported_where_no_folder_is_found():
     assert "NUMBA_CACHE_DIR" in done.stderr
 
 
-def _truncate(data):
-    return data[: len(data) // 2]
-
-
-def _flip(data):
-    middle = len(data) // 2
-    return data[:middle] + bytes(each ^ 0xFF for each in data[middle : middle + 64]) + data[middle + 64 :]
-
-
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-@pytest.mark.parametrize("damage", [_truncate, _flip, lambda data: b"", lambda data: b"nonsense"])
+@pytest.mark.parametrize("damage", [caches.truncated, caches.flipped, lambda data: b"", lambda data: b"nonsense"])
 def test_a_damaged_cache_is_replaced_with_one_warning(toy, tmp_path, suffix, damage):
     toy()
     for path in (tmp_path / "cache").rglob(f"*{suffix}"):
