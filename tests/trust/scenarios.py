@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from tests.trust.figures import share
 from uwoc_gym import Scenario, SettingError
 from uwoc_gym.parameters import NumberSpec, Parameters
 from uwoc_gym.sim.fleet import Fleet
@@ -39,7 +40,8 @@ class Tally(NamedTuple):
     worlds: int
     not_finite: int
     diverged: int
-    above_1_percent: int
+    above: int
+    """Worlds that differ by more than 1 %."""
     largest_error: float
 
 
@@ -141,11 +143,10 @@ def measure(long: bool) -> list[tuple[str, str]]:
     """The figures of the table."""
     found = tally(31_250 if long else 30, progress=partial(tqdm, leave=False))
     return [
-        ("random scenarios tried, and accepted", f"{found.tried:,}, {found.accepted:,}"),
-        ("worlds drawn from them and flown", f"{found.worlds:,}"),
-        ("scenarios with a value that isn't finite", f"{found.not_finite}"),
-        ("worlds that diverged", f"{found.diverged}"),
-        (f"worlds more than 1 % from those with 1/{FINER} of the step", f"{found.above_1_percent}"),
+        ("random scenarios accepted, of so many tried", f"{found.accepted:,} of {found.tried:,}"),
+        ("scenarios with finite values alone", share(found.accepted - found.not_finite, found.accepted)),
+        ("worlds drawn from them that didn't diverge", share(found.worlds - found.diverged, found.worlds)),
+        (f"worlds within 1 % of those with 1/{FINER} of the step", share(found.worlds - found.above, found.worlds)),
         ("largest difference", f"{100.0 * found.largest_error:.2g} %"),
     ]
 

@@ -84,7 +84,7 @@ def test_the_data_are_those_of_the_flights(page: Path) -> None:
 
 
 def test_a_lost_link_and_strange_names_are_written_safely(tmp_path: Path) -> None:
-    far = Scenario().merged({"start": {"x_m": 0.0, "y_m": 9.02, "sway_mps": -5.0}, "episode": {"lost_distance_m": 1.0}})
+    far = Scenario().merged({"start": {"x_m": 0.0, "y_m": 0.15, "sway_mps": -5.0}, "episode": {"lost_distance_m": 9.9}})
     policy = load("pd")
     flights = {"</script><b>": fly(policy, far, [0])}
     data = replay.page_data(Episode([policy], "<far>", far, 0), flights)
