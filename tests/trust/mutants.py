@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import queue
 import re
 import shlex
 import shutil
@@ -315,6 +316,8 @@ def copy_tree(folder: Path) -> None:
     The three top-level folders are one package: `uwoc_gym` is found in ``folder`` first, and its `agents` and
     `baselines` inside it, which an editable installation would otherwise find elsewhere.
     """
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     for name in COPIED:
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -325,8 +328,12 @@ def copy_tree(folder: Path) -> None:
 
 
 def surroundings(folder: Path) -> dict[str, str]:
-    """Environment variables with which Python imports a copy, and compiles it by itself."""
-    return os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    """Environment variables with which Python imports a copy, and keeps apart what it compiles.
+
+    The cache lies beside the copy, so that the next one in the same place needn't compile where only agents have
+    changed; where the core has, its files' times tell.
+    """
+    return os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder.with_name("cache"))}
 
 
 def run_tests(folder: Path, tests: Sequence[str], limit_s: float) -> tuple[int | None, str]:
@@ -347,58 +354,69 @@ def failing(output: str) -> list[str]:
     return re.findall(r"^(?:FAILED|ERROR) (\S+)", output, re.MULTILINE)
 
 
-def without_fault(faults: Iterable[Fault], limit_s: float = 3.0 * TIME_LIMIT_S) -> list[str]:
+def without_fault(faults: Iterable[Fault], folder: Path, limit_s: float = 3.0 * TIME_LIMIT_S) -> list[str]:
     """Which of the chosen tests fail where nothing is planted; they can notice nothing.
+
+    Args:
+        faults: Whose tests are meant.
+        folder: Where the copy of the tree goes.
+        limit_s: When to stop a run of pytest [s].
 
     Raises:
         RuntimeError: They can't be run.
     """
     broken: set[str] = set()
-    with tempfile.TemporaryDirectory(prefix="mutants-") as name:
-        folder = Path(name)
-        copy_tree(folder)
-        for tests in dict.fromkeys(fault.tests for fault in faults):
-            status, output = run_tests(folder, shlex.split(tests), limit_s)
-            if status not in (0, 1):
-                raise RuntimeError(f"{tests} can't be run without a fault:\n{output}")
-            broken.update(failing(output))
+    copy_tree(folder)
+    for tests in dict.fromkeys(fault.tests for fault in faults):
+        status, output = run_tests(folder, shlex.split(tests), limit_s)
+        if status not in (0, 1):
+            raise RuntimeError(f"{tests} can't be run without a fault:\n{output}")
+        broken.update(failing(output))
     return sorted(broken)
 
 
-def try_fault(fault: Fault, left_out: Sequence[str] = (), limit_s: float = TIME_LIMIT_S) -> Verdict:
+def try_fault(fault: Fault, folder: Path, left_out: Sequence[str] = (), limit_s: float = TIME_LIMIT_S) -> Verdict:
     """Plant a fault in a copy of the tree and run the tests that should notice.
 
     Args:
         fault: The fault.
-        left_out: Tests that fail without it.
+        folder: Where the copy goes, in place of what is there.
+        left_out: Tests that fail without the fault.
         limit_s: When to stop; what takes longer isn't noticed [s].
 
     Raises:
-        ValueError: What it changes doesn't stand in the source exactly once.
+        ValueError: What the fault changes doesn't stand in the source exactly once.
     """
     begun = time.perf_counter()
-    with tempfile.TemporaryDirectory(prefix="mutants-") as name:
-        folder = Path(name)
-        copy_tree(folder)
-        path = folder / fault.file
-        path.write_text(planted(path.read_text(encoding="utf-8"), fault), encoding="utf-8")
-        chosen = [*shlex.split(fault.tests), "-x", *(word for test in left_out for word in ("--deselect", test))]
-        status, output = run_tests(folder, chosen, limit_s)
+    copy_tree(folder)
+    path = folder / fault.file
+    path.write_text(planted(path.read_text(encoding="utf-8"), fault), encoding="utf-8")
+    chosen = [*shlex.split(fault.tests), "-x", *(word for test in left_out for word in ("--deselect", test))]
+    status, output = run_tests(folder, chosen, limit_s)
     # A module that can't be imported is no test that has noticed anything.
     found = failing(output) if status == 1 else []
     return Verdict(fault, found[0] if found else "", time.perf_counter() - begun, output)
 
 
 def try_all(
-    faults: Sequence[Fault], jobs: int = 1, left_out: Sequence[str] = (), tell: Callable[[Verdict], None] = print
+    faults: Sequence[Fault], folders: Sequence[Path], left_out: Sequence[str], tell: Callable[[Verdict], None]
 ) -> list[Verdict]:
-    """Try faults, ``jobs`` at a time, and tell of each when it is done."""
-    with ThreadPoolExecutor(jobs) as pool:
-        verdicts = []
-        for verdict in pool.map(lambda fault: try_fault(fault, left_out), faults):
-            tell(verdict)
-            verdicts.append(verdict)
-    return verdicts
+    """Try faults, as many at a time as there are folders for copies, and tell of each when it is done."""
+    free: queue.SimpleQueue[Path] = queue.SimpleQueue()
+    for folder in folders:
+        free.put(folder)
+
+    def tried(fault: Fault) -> Verdict:
+        folder = free.get()
+        try:
+            verdict = try_fault(fault, folder, left_out)
+        finally:
+            free.put(folder)
+        tell(verdict)
+        return verdict
+
+    with ThreadPoolExecutor(len(folders)) as pool:
+        return list(pool.map(tried, faults))
 
 
 def table(verdicts: Sequence[Verdict]) -> str:
@@ -421,9 +439,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--verbose", action="store_true", help="show what pytest says where nothing is noticed")
     args = parser.parse_args(argv)
     faults = [fault for fault in FAULTS if args.only is None or fault.name in args.only]
-    broken = without_fault(faults)
-    for test in broken:
-        print(f"left out, since it fails without a fault: {test}", flush=True)
 
     def tell(verdict: Verdict) -> None:
         said = f"noticed by {verdict.noticed_by}" if verdict.noticed_by else "NOT NOTICED"
@@ -431,7 +446,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.verbose and not verdict.noticed_by:
             print(verdict.output, flush=True)
 
-    verdicts = try_all(faults, args.jobs, broken, tell)
+    with tempfile.TemporaryDirectory(prefix="mutants-") as name:
+        folders = [Path(name) / str(job) / "tree" for job in range(max(1, args.jobs))]
+        broken = without_fault(faults, folders[0])
+        for test in broken:
+            print(f"left out, since it fails without a fault: {test}", flush=True)
+        verdicts = try_all(faults, folders, broken, tell)
     print("\n" + table(verdicts))
     return 1 if broken or not all(verdict.noticed_by for verdict in verdicts) else 0
 

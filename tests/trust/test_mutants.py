@@ -54,14 +54,15 @@ def test_a_text_that_does_not_stand_there_once_is_refused(text: str) -> None:
 
 
 def test_a_copy_is_imported_whole(tmp_path: Path) -> None:
-    mutants.copy_tree(tmp_path)
+    folder = tmp_path / "tree"
+    mutants.copy_tree(folder)
     code = (
         "import uwoc_gym.world, uwoc_gym.baselines, uwoc_gym.agents.errors as e; print(uwoc_gym.__file__, e.__file__)"
     )
     found = subprocess.check_output(
-        [sys.executable, "-c", code], cwd=tmp_path, text=True, env=mutants.surroundings(tmp_path)
+        [sys.executable, "-c", code], cwd=folder, text=True, env=mutants.surroundings(folder)
     )
-    assert [Path(name).is_relative_to(tmp_path) for name in found.split()] == [True, True]
+    assert [Path(name).is_relative_to(folder) for name in found.split()] == [True, True]
 
 
 @pytest.mark.parametrize(
@@ -79,7 +80,7 @@ def test_a_copy_is_imported_whole(tmp_path: Path) -> None:
     ids=["failed", "passed", "not run", "too long"],
 )
 def test_only_a_failed_test_has_noticed(
-    status: int | None, output: str, noticed_by: str, monkeypatch: pytest.MonkeyPatch
+    status: int | None, output: str, noticed_by: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def run_tests(folder: Path, tests: list[str], limit_s: float) -> tuple[int | None, str]:
         assert "-1.0), 2.0" in (folder / TINY.file).read_text(encoding="utf-8")
@@ -87,7 +88,7 @@ def test_only_a_failed_test_has_noticed(
         return status, output
 
     monkeypatch.setattr(mutants, "run_tests", run_tests)
-    verdict = mutants.try_fault(TINY, ["test_three"])
+    verdict = mutants.try_fault(TINY, tmp_path / "tree", ["test_three"])
     assert verdict.noticed_by == (noticed_by and f"tests/test_tiny.py::{noticed_by}")
     share = "1 of 1 planted faults are noticed, 100 %." if noticed_by else "0 of 1 planted faults are noticed, 0 %."
     assert mutants.table([verdict]).endswith(share)
