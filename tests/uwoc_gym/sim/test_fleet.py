@@ -511,6 +511,22 @@ def test_success_is_the_last_third_in_the_cone(fly):
         assert flight.measures()["is_success"][0] == success
 
 
+def test_a_last_third_in_the_cone_to_the_very_step_is_success(fly):
+    # They drift into the cone, each a little later than the one before.
+    still = Scenario(ship=StraightPath(speed_mps=0.0), episode=EpisodeSettings(duration_s=5.0, lost_distance_m=1e3))
+    starts = [(2.3 + 0.05 * i, 0.0, 0.0) for i in range(8)]
+    flight = fly(still, 8, pose=starts, velocity=(-2.0, 0.0, 0.0))
+    last_outside = np.zeros(8)
+    just = 0
+    for step in range(1, 101):
+        flight.step()
+        measures = flight.measures()
+        last_outside[measures["in_cone"] == 0.0] = step
+        np.testing.assert_array_equal(measures["is_success"], 3.0 * last_outside <= 2.0 * step)
+        just += np.count_nonzero((3.0 * last_outside == 2.0 * step) & (last_outside > 0.0))
+    assert just > 0
+
+
 def test_configure_takes_effect_at_reset(fly):
     flight = fly(Scenario(), 40)
     flight.fleet.configure(Scenario(vehicle=Vehicle(mass_scale=2.0), sea=Sea(pulses=(Pulse(), Pulse()))))
