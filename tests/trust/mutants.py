@@ -357,7 +357,7 @@ def run_tests(folder: Path, tests: Sequence[str], limit_s: float) -> tuple[int |
 
 def failing(output: str) -> list[str]:
     """The tests that pytest says have failed, each as it is chosen."""
-    return re.findall(r"^(?:FAILED|ERROR) (\S+)", output, re.MULTILINE)
+    return re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", output, re.MULTILINE)
 
 
 def without_fault(faults: Iterable[Fault], folder: Path, limit_s: float = 3.0 * TIME_LIMIT_S) -> list[str]:

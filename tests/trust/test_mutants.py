@@ -71,8 +71,8 @@ def test_a_copy_is_imported_whole(tmp_path: Path) -> None:
     [
         (
             1,
-            "F\nFAILED tests/test_tiny.py::test_one[a] - assert 1 == 2\nFAILED tests/test_tiny.py::test_two",
-            "test_one[a]",
+            "F\nFAILED tests/test_tiny.py::test_one[a b] - assert 1 == 2\nFAILED tests/test_tiny.py::test_two",
+            "test_one[a b]",
         ),
         (0, "3 passed", ""),
         (2, "ERROR tests/test_tiny.py - ModuleNotFoundError: ...", ""),
