@@ -442,6 +442,14 @@ def test_reward(fly, name, weights):
     assert measures["reward_bit_rate"].max() > 0.3 * weights.bit_rate
 
 
+def test_whole_turns_of_yaw_cost_nothing(fly):
+    still = Scenario(ship=StraightPath(speed_mps=0.0))
+    flight = fly(still, 3, pose=[(0.5, 0.0, 0.3 + turns * 2.0 * np.pi) for turns in (0, 1, -2)], velocity=(0, 0, 0))
+    flight.step()
+    rewards = flight.measures()["reward"]
+    assert rewards == pytest.approx(np.full(3, rewards[0]), abs=1e-12)
+
+
 def test_best_step_gives_one(fly):
     flight = fly(Scenario(ship=StraightPath(speed_mps=0.0)), pose=(0, 0, 0), velocity=(0, 0, 0))
     flight.step()
