@@ -46,6 +46,17 @@ def test_equals_stable_baselines3s_own_vector_environment():
         assert ours.reset_infos[0].keys() == theirs.reset_infos[0].keys() - {"episode"}
 
 
+def test_an_episode_lost_in_its_last_step_is_not_cut_short_by_time():
+    for start_x_m, cut_short in ((100.0, False), (0.0, True)):
+        env = TrackingVecEnv("uwoc/Nominal-v0", 1, seed=0, max_episode_steps=1)
+        env.set_options({"pose": (start_x_m, 10.0, 0.0)})
+        env.reset()
+        _, _, dones, infos = env.step(np.zeros((1, 3), np.float32))
+        assert dones[0]
+        assert infos[0]["TimeLimit.truncated"] is cut_short
+        env.close()
+
+
 def test_methods_that_stable_baselines3_calls():
     env = TrackingVecEnv("uwoc/Nominal-v0", 2, seed=0)
     env.reset()

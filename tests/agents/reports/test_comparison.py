@@ -20,3 +20,12 @@ def test_what_says_never_is_counted():
     text = comparison.markdown("uwoc-gym protocol", results)
     assert "(5 of 6, 2 of them never)" in text
     assert "1.00 (1 of 3 never)" in text
+
+
+def test_policies_alike_have_intervals_alike():
+    returns = np.random.default_rng(0).normal(size=(3, 8))
+    measures = {measure.key: returns for measure in tables.MEASURES} | {"steps": np.ones((3, 8))}
+    reference = dict.fromkeys(measures, returns[:1])
+    found = comparison.compared({"ppo": measures, "nlpd-tuned": reference, "td3": measures})
+    assert found["ppo"] == found["td3"]
+    assert found["ppo"]["return_iqm"]["low"] < found["ppo"]["return_iqm"]["high"]

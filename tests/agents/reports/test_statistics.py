@@ -59,6 +59,12 @@ def test_one_row_one_score_and_equal_scores():
     assert statistics.estimate(np.full((3, 4), 2.0), statistics.mean, rng) == (2.0, 2.0, 2.0)
 
 
+def test_interval_is_that_of_percentiles():
+    # Ten times the mean of a resample is binomial, of ten trials of one in ten: its 2.5 and 97.5 % quantiles are 0, 3.
+    found = statistics.estimate([0.0] * 9 + [10.0], statistics.mean, np.random.default_rng(4))
+    assert found == (1.0, 0.0, 3.0)
+
+
 def test_same_generator_gives_the_same_interval():
     scores = np.random.default_rng(3).normal(size=(4, 20))
     twice = [statistics.estimate(scores, statistics.interquartile_mean, np.random.default_rng(5)) for _ in range(2)]

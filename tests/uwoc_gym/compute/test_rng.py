@@ -195,3 +195,19 @@ def test_a_new_number_moves_no_draw():
     assert list(after) == ["vehicle.added", *before]
     assert {path: after[path] for path in before} == before
     assert after["vehicle.added"] not in before.values()
+
+
+@pytest.mark.parametrize(
+    ("path", "place"),
+    [
+        ("link.power_w", (0.0, 0.0)),
+        ("depth_m", (0.0, 35.0)),
+        ("sea.pulses[0].start_s", (0.0, 36.0)),
+        ("sea.pulses[1].start_s", (0.0, 42.0)),
+        ("sea.pulses[3].moment_nm", (0.0, 58.0)),
+        ("ship", (1.0, 0.0)),
+        ("ship.lawn-mower.spacing_m", (2.0, 4.0)),
+    ],
+)
+def test_numbers_of_v0_keep_their_places(path, place):
+    assert rng.counter(path) == place

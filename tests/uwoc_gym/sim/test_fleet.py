@@ -442,6 +442,14 @@ def test_reward(fly, name, weights):
     assert measures["reward_bit_rate"].max() > 0.3 * weights.bit_rate
 
 
+def test_whole_turns_of_yaw_cost_nothing(fly):
+    still = Scenario(ship=StraightPath(speed_mps=0.0))
+    flight = fly(still, 3, pose=[(0.5, 0.0, 0.3 + turns * 2.0 * np.pi) for turns in (0, 1, -2)], velocity=(0, 0, 0))
+    flight.step()
+    rewards = flight.measures()["reward"]
+    assert rewards == pytest.approx(np.full(3, rewards[0]), abs=1e-12)
+
+
 def test_best_step_gives_one(fly):
     flight = fly(Scenario(ship=StraightPath(speed_mps=0.0)), pose=(0, 0, 0), velocity=(0, 0, 0))
     flight.step()
@@ -509,6 +517,22 @@ def test_success_is_the_last_third_in_the_cone(fly):
         flight = fly(scenario, pose=pose, velocity=(0, 0, 0))
         flight.step(0.0, 30)
         assert flight.measures()["is_success"][0] == success
+
+
+def test_a_last_third_in_the_cone_to_the_very_step_is_success(fly):
+    # They drift into the cone, each a little later than the one before.
+    still = Scenario(ship=StraightPath(speed_mps=0.0), episode=EpisodeSettings(duration_s=5.0, lost_distance_m=1e3))
+    starts = [(2.3 + 0.05 * i, 0.0, 0.0) for i in range(8)]
+    flight = fly(still, 8, pose=starts, velocity=(-2.0, 0.0, 0.0))
+    last_outside = np.zeros(8)
+    just = 0
+    for step in range(1, 101):
+        flight.step()
+        measures = flight.measures()
+        last_outside[measures["in_cone"] == 0.0] = step
+        np.testing.assert_array_equal(measures["is_success"], 3.0 * last_outside <= 2.0 * step)
+        just += np.count_nonzero((3.0 * last_outside == 2.0 * step) & (last_outside > 0.0))
+    assert just > 0
 
 
 def test_configure_takes_effect_at_reset(fly):

@@ -124,6 +124,11 @@ def test_a_believed_current_goes_with_the_state(fly):
     third = fly(Scenario().known(), 1).fleet
     third.restore(rows)
     assert third.rollout(third.snapshot(), actions).last_distance_m == drifted
+    # A rollout lets what its rows believe flow; so does what is restored, without one.
+    fourth = fly(Scenario().known(), 1)
+    fourth.fleet.restore(rows)
+    state = fourth.step(0.0, 40)
+    assert np.hypot(*(state["ship_pose"] - state["pose"])[0, :2]) == pytest.approx(drifted[0], rel=1e-12)
 
 
 @pytest.mark.parametrize("used_before", [False, True])
