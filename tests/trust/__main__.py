@@ -53,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
             parser.error(f"TOPIC {name!r} is not allowed; it must be one of {', '.join(TOPICS)}")
     rows: list[list[str]] = []
     wrong = 0
-    for name in args.topics or present():
+    for name in args.topics or TOPICS:
         print(f"{name}: {TOPICS[name]} ...", file=sys.stderr, flush=True)
         begun = time.perf_counter()
         found = measured(name, args.long)
