@@ -116,11 +116,11 @@ def test_what_was_not_seen_is_said():
 @pytest.mark.parametrize(
     "scenario",
     [
-        {"depth_m": 5.0},
+        {"depth_m": 4.3},
         {"depth_m": 0.3},
         {"link": {"max_bit_rate_bps": 1e7}},
         {"link": {"field_of_view_rad": (0.2, 0.4)}},
-        {"vehicle": {"max_sway_force_n": 1e-9}},
+        {"vehicle": {"max_sway_force_n": 1e-3}},
         {"episode": {"control_period_s": 0.005, "duration_s": 1.0}},
     ],
 )
@@ -324,8 +324,9 @@ def test_a_push_changes_the_velocity_by_impulse_over_mass():
 
 
 def test_a_push_equals_a_short_pulse():
-    pulse = {"start_s": 0.0, "duration_s": 1e-6, "force_x_n": 3e7, "force_y_n": -2e7, "moment_nm": 1e7}
-    with_pulse, pushed = TrackingEnv(scenario={"sea": {"pulses": [pulse]}}), TrackingEnv()
+    pulse = {"start_s": 0.0, "duration_s": 1e-3, "force_x_n": 3e4, "force_y_n": -2e4, "moment_nm": 1e4}
+    scenario = {"sea": {"pulses": [pulse]}, "episode": {"integration_step_s": 0.001}}
+    with_pulse, pushed = TrackingEnv(scenario=scenario), TrackingEnv()
     for env in (with_pulse, pushed):
         env.reset(seed=0)
     pushed.push((30.0, -20.0, 10.0))

@@ -70,7 +70,8 @@ def test_impulse_is_exact(fly, start, duration, frame, vast_sea):
     pulse = Pulse(start_s=start, duration_s=duration, force_x_n=350.0, force_y_n=-210.0, moment_nm=0.0, frame=frame)
     vehicle = Vehicle(coriolis=False, **UNDAMPED)
     yaw = 0.7
-    state = fly(vast_sea(vehicle=vehicle, pulses=(pulse,)), pose=(0, 0, yaw), velocity=(0, 0, 0)).step(0.0, 10)
+    scenario = vast_sea(periods=20, vehicle=vehicle, pulses=(pulse,))
+    state = fly(scenario, pose=(0, 0, yaw), velocity=(0, 0, 0)).step(0.0, 10)
     x, y = 350.0 * duration, -210.0 * duration
     if frame == "earth":
         x, y = math.cos(yaw) * x + math.sin(yaw) * y, math.cos(yaw) * y - math.sin(yaw) * x
