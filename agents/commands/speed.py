@@ -152,7 +152,7 @@ def _many(count, memory, action, observation):  # type: ignore[no-untyped-def]
 
 def _kernel_runner(name: str, seed: int) -> _Runner:
     """A fleet of one stepped from compiled code, so that no Python runs between steps."""
-    scenario = SCENARIOS[name].merged({"episode": {"lost_distance_m": 1e9}})
+    scenario = SCENARIOS[name].merged({"episode": {"lost_distance_m": 1e6}})
     fleet = Fleet(scenario, 1, max_episode_steps=2**53)
     fleet.seed(np.zeros(1, dtype=np.int64), [seed])
     observations = np.zeros((1, scenario.observation.size), dtype=np.float32)

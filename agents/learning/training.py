@@ -530,7 +530,7 @@ def load_buffer(buffer: Any, path: Path) -> None:
         CommandError: The file can't be read, or is of another buffer.
     """
     try:
-        with np.load(path) as saved:
+        with path.open("rb") as file, np.load(file) as saved:
             held = {name: saved[name] for name in ("pos", "full", *_arrays(buffer))}
         pos, full = int(held["pos"]), bool(held["full"])
         filled = buffer.buffer_size if full else pos

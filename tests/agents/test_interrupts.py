@@ -39,7 +39,7 @@ WORK: dict[str, tuple[list[str], Callable[[Path], bool]]] = {
     "benchmark": (["--policy", "pd", "--scenario", "Random", "--seeds", "1000000", "--batch", "2", *BRIEF,
                    "--out", "OUT"],
                   lambda out: lines(out / "episodes.csv") > 3),
-    "evaluate": (["pd", "--seeds", "10000000", *BRIEF, "--out", "OUT"], lambda out: out.is_dir()),
+    "evaluate": (["pd", "--seeds", "1000000", *BRIEF, "--out", "OUT"], lambda out: True),
     "tune": (["pd", "--trials", "1000000", "--episodes", "2", *BRIEF, "--out", "OUT"],
              lambda out: lines(out / "trials.csv") > 20),
     "calibrate": (["nlpd", "--trials", "1000000", "--batch", "8", "--out", "OUT"],
@@ -47,12 +47,12 @@ WORK: dict[str, tuple[list[str], Callable[[Path], bool]]] = {
     "protocol": (["--groups", "ppo", "--training-seeds", "2", "--steps", "10000000", "--runs", "OUT/runs",
                   "--out", "OUT"],
                  lambda out: len(list(out.glob("runs/*/train.log"))) == 2),
-    "reproduce": (["--out", "OUT"], lambda out: out.is_dir()),
-    "record": (["--policy", "pd", *LONG, "--to", "90000", "--size", "320x180", "--out", "OUT.mp4"],
+    "reproduce": (["--out", "OUT"], lambda out: True),
+    "record": (["--policy", "pd", *LONG, "--to", "40000", "--size", "320x180", "--out", "OUT.mp4"],
                lambda out: out.with_name(".OUT.mp4.part").is_file()),
     "replay": ([*LONG, "--out", "OUT.html"], lambda out: True),
     "watch": (["--policy", "pd", *LONG, "--size", "320x180"], lambda out: True),
-    "speed": (["--time", "100", "--out", "OUT"], lambda out: out.is_dir()),
+    "speed": (["--time", "100", "--out", "OUT"], lambda out: True),
 }  # fmt: skip
 """Work that takes long, and how one sees that it has begun."""
 
@@ -74,7 +74,9 @@ def test_all_commands_that_take_long_are_interrupted() -> None:
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
 @pytest.mark.parametrize("command", WORK)
 def test_sigterm_ends_a_command_as_an_interrupt_does(command: str, tmp_path: Path) -> None:
-    status, _, errors = _interrupted(command, signal.SIGTERM, tmp_path, False, 1.5)
+    # Nothing tells from outside that `evaluate` has flown its first episodes.
+    wait_s = 8.0 if command == "evaluate" else 1.5
+    status, _, errors = _interrupted(command, signal.SIGTERM, tmp_path, False, wait_s)
     assert status == 128 + signal.SIGTERM, errors
     assert "Traceback" not in errors
     last = errors.splitlines()[-1]
