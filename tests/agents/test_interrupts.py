@@ -56,6 +56,9 @@ WORK: dict[str, tuple[list[str], Callable[[Path], bool]]] = {
 }  # fmt: skip
 """Work that takes long, and how one sees that it has begun."""
 
+OFTEN = ("train", "benchmark", "evaluate")
+"""What is stopped in every run of the tests; the others are in ``-m long``."""
+
 
 def _interrupted(command: str, number: int, folder: Path, group: bool, wait_s: float) -> tuple[int, str, str]:
     words, begun = WORK[command]
@@ -72,7 +75,9 @@ def test_all_commands_that_take_long_are_interrupted() -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
-@pytest.mark.parametrize("command", WORK)
+@pytest.mark.parametrize(
+    "command", [pytest.param(each, marks=() if each in OFTEN else pytest.mark.long) for each in WORK]
+)
 def test_sigterm_ends_a_command_as_an_interrupt_does(command: str, tmp_path: Path) -> None:
     # Nothing tells from outside that `evaluate` has flown its first episodes.
     wait_s = 8.0 if command == "evaluate" else 1.5
@@ -110,6 +115,7 @@ def test_sigterm_ends_a_command_as_an_interrupt_does(command: str, tmp_path: Pat
             assert (tmp_path / "OUT.mp4").stat().st_size > 1000
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
 def test_ctrl_c_reaches_the_whole_group_and_is_answered_once(tmp_path: Path) -> None:
     status, _, errors = _interrupted("protocol", signal.SIGINT, tmp_path, True, 1.0)
@@ -136,7 +142,10 @@ def test_ctrl_c_during_the_import_is_one_line() -> None:
 
 @pytest.mark.parametrize(
     ("command", "times"),
-    [("train, PPO with normalisation", 2), ("train, SAC", 1), ("tune", 1), ("benchmark", 1)],
+    [
+        ("train, PPO with normalisation", 1),
+        *(pytest.param(each, 1, marks=pytest.mark.long) for each in ("train, SAC", "tune", "benchmark")),
+    ],
 )
 def test_whatever_kills_a_command_its_folder_loads_and_goes_on(command: str, times: int, tmp_path: Path) -> None:
     _, most, kill = kills.COMMANDS[command]
@@ -191,9 +200,11 @@ def test_a_lock_ends_with_its_block(tmp_path: Path) -> None:
 # There is no room for compiled code either, where it isn't there yet.
 @pytest.mark.filterwarnings("ignore:the cache of compiled code:RuntimeWarning")
 @pytest.mark.parametrize("command", writes.WRITERS)
-def test_a_full_disk_names_the_file_and_leaves_no_part(command: str, tmp_path: Path) -> None:
-    for size in writes.SIZES:
-        assert writes.faults(writes.WRITERS[command], size, tmp_path / str(size))[1] == []
+@pytest.mark.parametrize(
+    "size", [pytest.param(each, marks=() if each == 700 else pytest.mark.long) for each in writes.SIZES]
+)
+def test_a_full_disk_names_the_file_and_leaves_no_part(command: str, size: int, tmp_path: Path) -> None:
+    assert writes.faults(writes.WRITERS[command], size, tmp_path / "out")[1] == []
 
 
 def test_the_second_request_stops_at_once_unless_it_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
