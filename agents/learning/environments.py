@@ -121,7 +121,10 @@ def base_scenario(env_id: str) -> Scenario | None:
             import_here(module)
         gym.spec(bare)
     except (gym.error.Error, ImportError) as error:
-        raise CommandError(f"--env {env_id!r} is not allowed: {error}") from None
+        said = str(error).rstrip(".")
+        raise CommandError(
+            f"--env {env_id!r} is not allowed: {said}; it must be a registered environment's ID, or module:ID."
+        ) from None
     try:
         env = TrackingVecEnv(env_id, 1)
     except SettingError as error:

@@ -68,7 +68,7 @@ def nested(names: list[str]) -> st.SearchStrategy[Any]:
 
 ANYTHING = nested(SETTINGS)
 OWN_ERRORS = (SettingError, CommandError)
-LENIENT = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+LENIENT = settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 def refused(read: Callable[[], Any]) -> str | None:
