@@ -279,7 +279,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
                 f"action = {shown(action)} is not allowed; it must be {count} finite numbers, shape ({count},)."
             )
         # Of the type that is compiled for: contiguous, and not read-only.
-        return np.array(np.clip(array, -1.0, 1.0), dtype=_FLOAT32)
+        return np.minimum(np.maximum(array, -1.0), 1.0).astype(_FLOAT32)
 
     def _compile_step(self) -> None:
         """Compile the step for the arrays that it is meant for, and for no others, if this hasn't been done."""

@@ -186,7 +186,8 @@ def _numbers(value: Any, depth: int) -> Any:
     if isinstance(value, (list, tuple)):
         items = [_numbers(item, depth - 1) for item in value] if depth else [None]
         return None if any(item is None for item in items) else items
-    single = as_number(value)
+    # An array with a dimension is no single number, and asking costs more than a step of an environment.
+    single = None if type(value) is np.ndarray and value.ndim else as_number(value)
     if single is not None or isinstance(value, (str, bytes, Mapping, bool)) or not hasattr(value, "__array__"):
         return single
     array = np.asarray(value)

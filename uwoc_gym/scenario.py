@@ -121,7 +121,7 @@ class Scenario(Parameters):
 
     @property
     def motion(self) -> Motion:
-        """Bounds of the AUV's motion through the water, over all that episodes draw."""
+        """How fast the AUV moves through the water, and how fast that changes, over all that episodes draw."""
         water = self.sea.current.fastest_mps * np.array([1.0, 1.0, 0.0])
         force = self.vehicle.force_limits + self.sea.strongest_push
         return Motion(self.vehicle, force, self.start.fastest + water, self.episode.duration_s)
@@ -163,19 +163,26 @@ class Scenario(Parameters):
         unknown: it is `CarriedOnPath`, at rest until `Fleet.believe` says otherwise.
 
         Args:
-            integration_step_s: A coarser integration step, for planning [s].
+            integration_step_s: A coarser integration step, for planning [s]; by default the scenario's, or a finer one
+                that the nominal model needs.
 
         Raises:
-            SettingError: The control period isn't a whole multiple of the step.
+            SettingError: The control period isn't a whole multiple of the step, or the integrator can't follow the
+                nominal model in such steps.
         """
-        step = {} if integration_step_s is None else {"integration_step_s": integration_step_s}
+        vehicle = self.vehicle.nominal()
+        if integration_step_s is None:
+            rate = Motion(vehicle, vehicle.force_limits, self.start.fastest, self.episode.duration_s).rate
+            integration_step_s = self.episode.integration_step_s
+            if rate * integration_step_s > RATE_TIMES_STEP:
+                integration_step_s = self.episode.step_for(rate)
         return replace(
             self.midpoint(),
-            vehicle=self.vehicle.nominal(),
+            vehicle=vehicle,
             ship=CarriedOnPath(),
             sea=Sea(),
             sensors=Sensors(),
-            episode=self.episode.merged(step),
+            episode=self.episode.merged({"integration_step_s": integration_step_s}),
         )
 
     def to_json(self) -> str:

@@ -301,8 +301,9 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """
         self._fleet.restore(rows, lanes)
         self._begun = self._begun or lanes is None
-        # The episodes to come are those of the snapshot as well.
-        self._generator = self.np_random
+        if lanes is None:
+            # The episodes to come are those of the snapshot as well.
+            self._generator = self.np_random
         if self.renderers:
             self._begin_pictures(np.arange(self.num_envs) if lanes is None else np.atleast_1d(lanes))
         return self._fleet.observe()

@@ -9,7 +9,9 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+import numpy as np
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.reports.files import flush, whole
@@ -83,3 +85,43 @@ def save_agent(path: Path, write: Callable[[IO[bytes]], None]) -> None:
         # PyTorch reports a full disk as a RuntimeError, and an error in writing doesn't name the file.
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error).splitlines()[0]
         raise OSError(getattr(error, "errno", None), reason, str(path)) from error
+
+
+def _arrays(buffer: Any) -> dict[str, Any]:
+    return {
+        name: value
+        for name, value in vars(buffer).items()
+        if isinstance(value, np.ndarray) and value.shape[:1] == (buffer.buffer_size,)
+    }
+
+
+def save_buffer(buffer: Any, path: Path) -> None:
+    """Save the filled part of a replay buffer."""
+    filled = buffer.buffer_size if buffer.full else buffer.pos
+    # One more than filled: a buffer that saves memory keeps the next observation there.
+    parts = {name: value[: filled + 1] for name, value in _arrays(buffer).items()}
+    np.savez(path, pos=buffer.pos, full=buffer.full, **parts)
+
+
+def load_buffer(buffer: Any, path: Path) -> None:
+    """Fill a replay buffer with what was saved.
+
+    Raises:
+        CommandError: The file can't be read, or is of another buffer.
+    """
+    try:
+        with path.open("rb") as file, np.load(file) as saved:
+            held = {name: saved[name] for name in ("pos", "full", *_arrays(buffer))}
+        pos, full = int(held["pos"]), bool(held["full"])
+        filled = buffer.buffer_size if full else pos
+        if not 0 <= pos < buffer.buffer_size:
+            raise ValueError(f"pos = {pos} is not in the buffer")
+        for name, value in _arrays(buffer).items():
+            if held[name].dtype != value.dtype or len(held[name]) < filled:
+                raise ValueError(f"{name} is not what it should be")
+            value[: len(held[name])] = held[name]
+    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
+    except Exception as error:
+        text = " ".join(str(error).split())
+        raise CommandError(f"{path} can't be read: it is damaged, or of another run: {text[:200]}.") from None
+    buffer.pos, buffer.full = pos, full

@@ -193,7 +193,7 @@ class Run:
         counted = {name: int(self.progress.counters.get(name, 0)) for name in _COUNTERS}
         vars(self.model).update(counted, num_timesteps=self.progress.steps)
         if self.kind.off_policy:
-            load_buffer(self.model.replay_buffer, path / "replay.npz")
+            checkpoints.load_buffer(self.model.replay_buffer, path / "replay.npz")
 
     def agent(self) -> Agent:
         """The present policy, as it would fly after training."""
@@ -327,7 +327,7 @@ class Run:
         if self.progress.best_steps is not None:
             files.copy(self.folder / saved.MODEL, folder / _BEST)
         if self.kind.off_policy:
-            save_buffer(self.model.replay_buffer, folder / "replay.npz")
+            checkpoints.save_buffer(self.model.replay_buffer, folder / "replay.npz")
         files.write_json(folder / "progress.json", self.progress.__dict__)
 
     def write_results(self) -> None:
@@ -505,43 +505,3 @@ def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[d
         rows.append({"return": total})
     env.close()
     return rows
-
-
-def _arrays(buffer: Any) -> dict[str, Any]:
-    return {
-        name: value
-        for name, value in vars(buffer).items()
-        if isinstance(value, np.ndarray) and value.shape[:1] == (buffer.buffer_size,)
-    }
-
-
-def save_buffer(buffer: Any, path: Path) -> None:
-    """Save the filled part of a replay buffer."""
-    filled = buffer.buffer_size if buffer.full else buffer.pos
-    # One more than filled: a buffer that saves memory keeps the next observation there.
-    parts = {name: value[: filled + 1] for name, value in _arrays(buffer).items()}
-    np.savez(path, pos=buffer.pos, full=buffer.full, **parts)
-
-
-def load_buffer(buffer: Any, path: Path) -> None:
-    """Fill a replay buffer with what was saved.
-
-    Raises:
-        CommandError: The file can't be read, or is of another buffer.
-    """
-    try:
-        with path.open("rb") as file, np.load(file) as saved:
-            held = {name: saved[name] for name in ("pos", "full", *_arrays(buffer))}
-        pos, full = int(held["pos"]), bool(held["full"])
-        filled = buffer.buffer_size if full else pos
-        if not 0 <= pos < buffer.buffer_size:
-            raise ValueError(f"pos = {pos} is not in the buffer")
-        for name, value in _arrays(buffer).items():
-            if held[name].dtype != value.dtype or len(held[name]) < filled:
-                raise ValueError(f"{name} is not what it should be")
-            value[: len(held[name])] = held[name]
-    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
-    except Exception as error:
-        text = " ".join(str(error).split())
-        raise CommandError(f"{path} can't be read: it is damaged, or of another run: {text[:200]}.") from None
-    buffer.pos, buffer.full = pos, full

@@ -24,13 +24,13 @@ import numpy.typing as npt
 
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS, policy_arguments
+from uwoc_gym.given import check_plain
 
 MEMBER = "agent.json"
 """What makes a zip file of Stable-Baselines3 an agent of this package."""
 
 FORMAT = 2
 _POLICY = "policy.pth"
-_DEEPEST = 16
 _LARGEST_TEXT, _LARGEST_TENSORS = 2**24, 2**31
 """Bytes of ``agent.json`` and of a file of tensors above which neither is read."""
 
@@ -207,12 +207,11 @@ def _read(archive: zipfile.ZipFile, path: Path) -> tuple[Description, str]:
     text = _member(archive, MEMBER, _LARGEST_TEXT, path)
     try:
         said = json.loads(text, parse_constant=_no_number)
+        check_plain(said)
     except (ValueError, RecursionError) as error:
         _refuse(path, f"is no JSON: {' '.join(str(error).split())}")
     if not isinstance(said, dict):
         _refuse(path, "is not an object")
-    if _is_deep(said):
-        _refuse(path, f"has lists or objects in more than {_DEEPEST} levels")
     if said.get("format") != FORMAT:
         _refuse(path, f"has format = {reprlib.repr(said.get('format'))}; this version reads {FORMAT}")
     fields: dict[str, Any] = {}
@@ -239,19 +238,6 @@ def _no_number(text: str) -> NoReturn:
 
 def _refuse(path: Path, reason: str) -> NoReturn:
     raise CommandError(f"{str(path)!r} doesn't describe an agent: its {MEMBER} {reason}.")
-
-
-def _is_deep(value: Any) -> bool:
-    """Whether there are more levels in it than anything that is meant has."""
-    level = [value]
-    for _ in range(_DEEPEST + 1):
-        level = [
-            inner
-            for each in level
-            if isinstance(each, (dict, list))
-            for inner in (each.values() if isinstance(each, dict) else each)
-        ]
-    return bool(level)
 
 
 def _is_number(value: Any) -> bool:

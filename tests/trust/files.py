@@ -128,7 +128,7 @@ def kinds(folder: Path) -> dict[str, Kind]:
 
     def buffer(path: Path) -> object:
         kept = learners["sac"].model.replay_buffer
-        training.load_buffer(kept, path)
+        checkpoints.load_buffer(kept, path)
         return kept.observations.tobytes()
 
     (folder / "gains.json").write_text(

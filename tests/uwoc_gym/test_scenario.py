@@ -476,3 +476,18 @@ def test_choices_that_are_not_allowed(turn):
     with pytest.raises(SettingError, match=r"CirclePath\.turn = .* is not allowed; .*A list of several is drawn from"):
         CirclePath(turn=turn)
     assert CirclePath(turn=["port"]) == CirclePath(turn="port")
+
+
+def test_the_nominal_model_is_followed_though_only_the_true_one_was_asked_for():
+    light = Scenario().merged({"vehicle": {"mass_surge_kg": 2.0, "mass_scale": 10.0}})
+    known = light.known()
+    assert known.vehicle.mass_scale == 1.0
+    assert known.motion.rate * known.episode.integration_step_s <= RATE_TIMES_STEP
+    assert Scenario().known().episode == Scenario().episode
+    with pytest.raises(SettingError, match=r"integration_step_s = 0.005 is not allowed"):
+        light.known(integration_step_s=0.005)
+
+
+def test_a_ship_faster_than_any_is_refused():
+    with pytest.raises(SettingError, match=r"PaperPath.radius_m = 1000.0 .* sail at 200 m/s; it must be at most 100"):
+        PaperPath(radius_m=1000.0, rate_rad_s=(-0.2, 0.1))

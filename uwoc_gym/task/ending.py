@@ -10,7 +10,7 @@ from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Parameters, SettingError, number
 
 RATE_TIMES_STEP = 1.45
-"""Largest rate of change times integration step; flights differ by less than 1 % from those with a far smaller step.
+"""Largest rate of change times integration step; docs/trust.md says how far flights are from those with a smaller step.
 
 RK4 becomes unstable at about 2.6 and is wrong long before."""
 

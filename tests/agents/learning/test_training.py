@@ -210,7 +210,7 @@ def test_a_checkpoint_that_fails_in_the_middle_leaves_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
-    real, calls = training.save_buffer, []
+    real, calls = checkpoints.save_buffer, []
 
     def save(buffer: Any, path: Path) -> None:
         calls.append(path)
@@ -220,7 +220,7 @@ def test_a_checkpoint_that_fails_in_the_middle_leaves_the_one_before(
         real(buffer, path)
 
     with monkeypatch.context() as patch:
-        patch.setattr(training, "save_buffer", save)
+        patch.setattr(checkpoints, "save_buffer", save)
         assert main(_command("sac", out, "--checkpoint-every", "64")) == 1
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith("uwoc-gym train: error: checkpoint ")

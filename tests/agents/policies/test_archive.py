@@ -185,7 +185,7 @@ def test_a_damaged_description_is_one_line(
         (b"[" * 100_000, ["is no JSON"]),
         (b"[]", ["not an object"]),
         (b"\xff\xfe", ["is no JSON"]),
-        (b'{"format": 2, "description": ' + b"[" * 900 + b"]" * 900 + b"}", ["more than 16 levels"]),
+        (b'{"format": 2, "description": ' + b"[" * 900 + b"]" * 900 + b"}", ["nested more than 32 levels"]),
         (b'{"format": NaN}', ["NaN is not a number"]),
         (b" " * (2**24 + 1), ["16777217 bytes", "16777216 at most"]),
     ],

@@ -1,13 +1,16 @@
 """Compilation and its cache."""
 
+import gc
 import os
 import pickle
 import subprocess
 import sys
 
 import gymnasium as gym
+import numba
 import numpy as np
 import pytest
+from numba.core import event
 
 import uwoc_gym
 from tests.trust import caches
@@ -120,3 +123,30 @@ def test_no_array_makes_a_step_compile_again():
         vector.step(actions)
     vector.reset(options={"pose": (0, 0, 0), "parameters": {"vehicle.mass_scale": 1.0}})
     assert len(paper.step.signatures) == len(paper.reset.signatures) == 1
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_the_garbage_collector_rests_while_it_compiles_and_then_is_as_before(wanted):
+    during = []
+
+    class Watch(event.Listener):
+        def on_start(self, happening):
+            during.append(gc.isenabled())
+
+        def on_end(self, happening):
+            pass
+
+    def double(x):
+        return 2 * x
+
+    double.__module__ = "uwoc_gym.toy"
+    before = gc.isenabled()
+    try:
+        (gc.enable if wanted else gc.disable)()
+        with event.install_listener("numba:run_pass", Watch()):
+            assert numba.njit(double)(3) == 6
+        assert gc.isenabled() == wanted
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert during
+    assert not any(during)

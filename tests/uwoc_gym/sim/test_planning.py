@@ -150,6 +150,14 @@ def test_episodes_after_a_restored_one_are_those_of_the_snapshot(used_before):
     np.testing.assert_array_equal(again.reset()[0], vector.reset()[0])
 
 
+def test_restoring_one_environment_leaves_the_others_to_be_seeded():
+    vector = uwoc_gym.TrackingVectorEnv(3, "Random")
+    env = gym.make("uwoc/Random-v0").unwrapped
+    env.reset(seed=4)
+    vector.restore(env.snapshot(), [1])
+    assert np.isfinite(vector.reset()[0]).all()
+
+
 def test_environments_have_snapshots_too():
     env = gym.make("uwoc/Random-v0").unwrapped
     observation, _ = env.reset(seed=4)

@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 MASSES = "paper, table 3 (includes added mass)"
 DAMPING = "paper, table 3"
-LIMITS = "project default: the paper's controllers never reach it"
+ACTUATORS = "project default: the paper's controllers never reach it"
 
 FASTEST = 1000.0
 """Surge, sway [m/s] or yaw rate [rad/s] beyond which the integration has diverged: nothing moves so under water."""
@@ -73,13 +73,13 @@ class Vehicle(Parameters):
     damping_scale: Number = number(1.0, "1", "true damping over nominal", low=0.0, high=100.0, source="project default")
     coriolis: bool = flag(True, "Coriolis and centripetal terms; off reproduces the paper's PD row")
     max_surge_force_n: float = number(
-        2000.0, "N", "surge force at action 1", low=0.001, high=1e5, randomisable=False, source=LIMITS
+        2000.0, "N", "surge force at action 1", low=0.001, high=1e5, randomisable=False, source=ACTUATORS
     )
     max_sway_force_n: float = number(
-        2000.0, "N", "sway force at action 1", low=0.001, high=1e5, randomisable=False, source=LIMITS
+        2000.0, "N", "sway force at action 1", low=0.001, high=1e5, randomisable=False, source=ACTUATORS
     )
     max_yaw_moment_nm: float = number(
-        500.0, "N m", "yaw moment at action 1", low=0.001, high=1e5, randomisable=False, source=LIMITS
+        500.0, "N m", "yaw moment at action 1", low=0.001, high=1e5, randomisable=False, source=ACTUATORS
     )
 
     def nominal(self) -> Vehicle:

@@ -34,7 +34,7 @@ def _ends(*values: Number) -> _Ends:
 
 
 class Motion:
-    """Bounds of an AUV's motion through the water.
+    """Estimates of how fast an AUV moves through the water, and how fast that changes, at most.
 
     Args:
         vehicle: The AUV.

@@ -58,6 +58,9 @@ SEGMENT_DOUBLES = SEGMENT.itemsize // 8
 
 COURSE = (0.0, 2.0 * math.pi)
 
+FASTEST_MPS = 100.0
+"""Speed [m/s] beyond which a path isn't a ship's; fast ferries reach 30."""
+
 
 def _corners(x: Number, y: Number) -> Array:
     """The corners of what two numbers may be drawn from, (n, 2)."""
@@ -138,6 +141,14 @@ class PaperPath(ShipPath):
         math.pi / 2, "rad", "amplitude of the heading's swing", low=-6.3, high=6.3, source="paper, sec. 4"
     )
 
+    def _check(self) -> None:
+        fastest = float(np.max(self.radius_m) * np.abs(self.rate_rad_s).max())
+        if fastest > FASTEST_MPS:
+            raise SettingError(
+                f"PaperPath.radius_m = {self.radius_m!r} is not allowed with rate_rad_s = {self.rate_rad_s!r}: the "
+                f"ship would sail at {fastest:.4g} m/s; it must be at most {FASTEST_MPS:g} m/s."
+            )
+
     def starts(self) -> Array:
         return _corners(0.0, self.radius_m)
 
@@ -214,10 +225,6 @@ class LawnMowerPath(ShipPath):
     spacing_m: Number = number(8.0, "m", "distance between legs", low=0.1, high=1e6)
     speed_mps: Number = number(1.0, "m/s", "speed", low=0.0, high=30.0, source="paper's ship: 1 m/s")
     turn: str = choice("starboard", ("starboard", "port"), "side of the first turn")
-
-
-FASTEST_MPS = 100.0
-"""Speed from one sample of a recorded path to the next beyond which it isn't a ship's; fast ferries reach 30 m/s."""
 
 
 @dataclass(frozen=True, kw_only=True)
