@@ -14,7 +14,7 @@ import numpy as np
 from uwoc_gym.given import from_json, shown
 from uwoc_gym.parameters import Number, Parameters, SettingError, child, choice, closest, number
 from uwoc_gym.task.action import KINDS
-from uwoc_gym.task.ending import RATE_TIMES_STEP, EpisodeSettings
+from uwoc_gym.task.ending import EpisodeSettings
 from uwoc_gym.task.observation import ObservationSettings
 from uwoc_gym.task.reward import RewardSettings
 from uwoc_gym.world.auv.horizontal import FASTEST, Vehicle
@@ -83,11 +83,12 @@ class Scenario(Parameters):
                 f"gets as fast as {speeds} in surge [m/s], sway [m/s] and yaw [rad/s]; each must be at most "
                 f"{FASTEST:g}."
             )
-        if motion.rate * self.episode.integration_step_s > RATE_TIMES_STEP:
+        longest = motion.longest_step(motion.rate)
+        if self.episode.integration_step_s > longest * (1.0 + 1e-9):
             raise SettingError(
                 f"EpisodeSettings.integration_step_s = {self.episode.integration_step_s!r} is not allowed: with these "
                 f"masses, dampings, forces and ranges the motion changes at up to {motion.rate:.3g} 1/s, which the "
-                f"integrator doesn't follow; it must be at most {self.episode.step_for(motion.rate)!r} [s]."
+                f"integrator doesn't follow; it must be at most {self.episode.step_within(longest)!r} [s]."
             )
         self._check_reach()
 
@@ -172,10 +173,11 @@ class Scenario(Parameters):
         """
         vehicle = self.vehicle.nominal()
         if integration_step_s is None:
-            rate = Motion(vehicle, vehicle.force_limits, self.start.fastest, self.episode.duration_s).rate
+            motion = Motion(vehicle, vehicle.force_limits, self.start.fastest, self.episode.duration_s)
+            longest = motion.longest_step(motion.rate)
             integration_step_s = self.episode.integration_step_s
-            if rate * integration_step_s > RATE_TIMES_STEP:
-                integration_step_s = self.episode.step_for(rate)
+            if integration_step_s > longest * (1.0 + 1e-9):
+                integration_step_s = self.episode.step_within(longest)
         return replace(
             self.midpoint(),
             vehicle=vehicle,

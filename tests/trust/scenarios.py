@@ -2,7 +2,8 @@
 
 A scenario is drawn around the defaults, most numbers up to a factor of thirty away or ranges of that width, and flown
 with the longest integration step that is accepted. Each of its simulations draws a world from it. A second fleet flies
-the same actions with a step of 1/64.
+the same actions with a step of 1/8, whose own error is some 4,000 times smaller; where it differs by more than 0.2 %,
+a third flies them with a step of 1/64.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from uwoc_gym.world.ship.paths import SHIP_PATHS, CarriedOnPath, RecordedPath
 
 LANES = 32
 STEPS = 50
-FINER = 64
+FINER = (8, 64)
+NEAR = 0.002
 PERIODS = (0.02, 0.05, 0.1, 0.2)
 PATHS = [path for path in SHIP_PATHS if path not in (RecordedPath, CarriedOnPath)]
 
@@ -103,7 +105,8 @@ def random_scenario(generator: np.random.Generator) -> Scenario:
         },
     }
     scenario = base.merged(rough)
-    step = min(scenario.episode.step_for(scenario.motion.rate), period)
+    motion = scenario.motion
+    step = scenario.episode.step_within(motion.longest_step(motion.rate))
     return scenario.merged({"episode": {"integration_step_s": step}})
 
 
@@ -146,7 +149,7 @@ def measure(long: bool) -> list[tuple[str, str]]:
         ("random scenarios accepted, of so many tried", f"{found.accepted:,} of {found.tried:,}"),
         ("scenarios with finite values alone", share(found.accepted - found.not_finite, found.accepted)),
         ("worlds drawn from them that didn't diverge", share(found.worlds - found.diverged, found.worlds)),
-        (f"worlds within 1 % of those with 1/{FINER} of the step", share(found.worlds - found.above, found.worlds)),
+        (f"worlds within 1 % of those with 1/{FINER[-1]} of the step", share(found.worlds - found.above, found.worlds)),
         ("largest difference", f"{100.0 * found.largest_error:.2g} %"),
     ]
 
@@ -168,13 +171,15 @@ def tally(scenarios: int, seed: int = 0, progress: Any = iter) -> Tally:
                 break
         held = generator.choice(np.array([-1.0, -0.3, 0.0, 0.3, 1.0], np.float32), (STEPS // 5, LANES, 3))
         actions = np.repeat(held, 5, axis=0)
-        finer = {
-            "episode": {"integration_step_s": scenario.episode.control_period_s / scenario.episode.substeps / FINER}
-        }
         coarse, finite, bad = flown(scenario, actions, k)
-        fine, fine_finite, _ = flown(scenario.merged(finer), actions, k)
-        errors = relative_error(coarse, fine)
-        not_finite += not (finite and fine_finite)
+        for finer in FINER:
+            step = scenario.episode.control_period_s / scenario.episode.substeps / finer
+            fine, fine_finite, _ = flown(scenario.merged({"episode": {"integration_step_s": step}}), actions, k)
+            errors = relative_error(coarse, fine)
+            finite &= fine_finite
+            if not (errors > NEAR).any():
+                break
+        not_finite += not finite
         diverged += int(bad.sum())
         above += int((errors[~bad] > 0.01).sum())
         largest = max(largest, float(errors[~bad].max(initial=0.0)))

@@ -13,7 +13,7 @@ STIFF = ["--override", '{"vehicle": {"damping_scale": 100.0}, "episode": {"integ
 
 @pytest.fixture
 def unchecked(monkeypatch):
-    monkeypatch.setattr("uwoc_gym.scenario.RATE_TIMES_STEP", math.inf)
+    monkeypatch.setattr("uwoc_gym.world.auv.limits.Motion.longest_step", lambda motion, rate: math.inf)
     monkeypatch.setattr("uwoc_gym.scenario.FASTEST", math.inf)
 
 

@@ -23,7 +23,6 @@ from uwoc_gym.parameters import FARTHEST_M
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.sim import layout, paper
 from uwoc_gym.sim.layout import FIRST_OUT, OUT_ROWS, Drawn
-from uwoc_gym.task.ending import RATE_TIMES_STEP
 from uwoc_gym.world.auv.horizontal import FASTEST
 from uwoc_gym.world.ship.paths import CARRIED_ON
 
@@ -597,14 +596,13 @@ def _check_velocity(scenario: Scenario, name: str, given: Any, velocities: Array
     fastest = np.abs(velocities).max(axis=0, initial=0.0)
     episode, motion = scenario.episode, scenario.motion
     rate = motion.rate_at(fastest)
-    if (fastest <= motion.velocity).all() or (
-        rate * episode.integration_step_s <= RATE_TIMES_STEP and (fastest <= FASTEST).all()
-    ):
+    longest = motion.longest_step(rate)
+    if (fastest <= motion.velocity).all() or (episode.integration_step_s <= longest and (fastest <= FASTEST).all()):
         return
     raise ValueError(
         f"{name} = {shown(given)} is not allowed: at {fastest.tolist()} [m/s, m/s, rad/s] the motion changes at up to "
         f"{rate:.3g} 1/s, which the integrator doesn't follow in steps of {episode.integration_step_s:g} s; the steps "
-        f"must be at most {episode.step_for(rate)!r} s, or the velocity slower."
+        f"must be at most {episode.step_within(longest)!r} s, or the velocity slower."
     )
 
 

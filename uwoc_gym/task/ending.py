@@ -9,11 +9,6 @@ from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import Parameters, SettingError, number
 
-RATE_TIMES_STEP = 1.45
-"""Largest rate of change times integration step; docs/trust.md says how far flights are from those with a smaller step.
-
-RK4 becomes unstable at about 2.6 and is wrong long before."""
-
 STATE = rows("last_outside", "ended", "was_ended", "diverged")
 """Step at which the AUV was last outside the cone; whether the episode is over, and was before the present step;
 whether the last step has diverged, which a new episode that begins in it doesn't forget."""
@@ -67,9 +62,9 @@ class EpisodeSettings(Parameters):
         """Control periods in an episode."""
         return round(self.duration_s / self.control_period_s)
 
-    def step_for(self, rate: float) -> float:
-        """The longest integration step [s] that divides the control period and can follow changes of a rate [1/s]."""
-        return self.control_period_s / math.ceil(self.control_period_s * rate / RATE_TIMES_STEP)
+    def step_within(self, longest_s: float) -> float:
+        """The longest integration step [s] that divides the control period and isn't above another."""
+        return self.control_period_s / max(1, math.ceil(self.control_period_s / longest_s))
 
 
 def _whole(long: float, short: float, long_name: str, short_name: str) -> None:

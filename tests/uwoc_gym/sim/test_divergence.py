@@ -19,7 +19,7 @@ FULL = np.ones(3, np.float32)
 @pytest.fixture
 def unchecked(monkeypatch):
     """Scenarios that can't be integrated are accepted."""
-    monkeypatch.setattr("uwoc_gym.scenario.RATE_TIMES_STEP", math.inf)
+    monkeypatch.setattr("uwoc_gym.world.auv.limits.Motion.longest_step", lambda motion, rate: math.inf)
     monkeypatch.setattr("uwoc_gym.scenario.FASTEST", math.inf)
     return Scenario().merged({"vehicle": {"damping_scale": 100.0}, "episode": {"integration_step_s": 0.05}})
 
