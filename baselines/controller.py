@@ -16,9 +16,11 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
+from uwoc_gym.baselines.observers import CarriedFixes, Observer, as_seen
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.scenario import Scenario, as_scenario
-from uwoc_gym.task.observation import unpack
+from uwoc_gym.task.action import AXES
+from uwoc_gym.task.observation import Measured, unpack
 
 Array = npt.NDArray[np.float64]
 
@@ -55,7 +57,10 @@ class Controller:
 
     Raises:
         SettingError: There is no gain set or scenario of that name, or the scenario's observations leave out what the
-            law needs, or its actions aren't the three forces.
+            law needs.
+
+    Where the ship is known by fixes alone, the law flies on what `CarriedFixes` makes of them. Axes without a force or
+    an action are left alone.
     """
 
     def __init__(self, gains: str | Gains | Sequence[str | Gains], scenario: str | Scenario = "Nominal") -> None:
@@ -74,16 +79,18 @@ class Controller:
         self._informed = np.array([[each.feedforward] for each in self.gain_sets])[axis]
         chosen = as_scenario(scenario)
         self._check_interface(chosen)
+        self._observe: Observer = as_seen if "ship" in chosen.observation.groups else CarriedFixes(chosen)
         self.vehicle = chosen.vehicle.nominal()
         self.force_limits = self.vehicle.force_limits
+        self._axes = list(AXES[chosen.action])
         self.observation_settings = chosen.observation
         self._inertia = self.vehicle.inertia
 
     def _check_interface(self, scenario: Scenario) -> None:
-        """Refuse a scenario that doesn't show the law what it needs, or takes other actions."""
-        needed = ["ship", "velocity", "heading"]
-        if self._informed.any():
-            needed.append("ship-acceleration")
+        """Refuse a scenario that doesn't show the law what it needs."""
+        needed = ["velocity", "heading"]
+        if "fix" not in scenario.observation.groups:
+            needed = ["ship", *needed, *(["ship-acceleration"] if self._informed.any() else [])]
         for group in needed:
             if group not in scenario.observation.groups:
                 without = " or a gain set without feedforward" if group == "ship-acceleration" else ""
@@ -91,13 +98,9 @@ class Controller:
                     f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
                     f"it{without}."
                 )
-        if scenario.action != "wrench":
-            raise SettingError(
-                f"The law commands three forces, action = 'wrench'; the scenario has {scenario.action!r}."
-            )
 
     def force(self, observation: npt.ArrayLike) -> Array:
-        """The force that the law asks for, before the actuators' limits.
+        """The force that the law asks for, before the actuators' limits, if the ship is observed at all times.
 
         Args:
             observation: Shape (..., size), size 20 unless the scenario chooses other groups.
@@ -108,8 +111,12 @@ class Controller:
         Raises:
             ValueError: The observation's last axis has another size, or there are N gain sets and not N observations.
         """
+        return self.law(unpack(observation, self.observation_settings))
+
+    def law(self, measured: Measured) -> Array:
+        """The force that the law asks for where the ship's state is ``measured``; as `force` otherwise."""
         # Which entries are there has been checked.
-        seen: Any = unpack(observation, self.observation_settings)
+        seen: Any = measured
         cosine, sine = seen.heading[..., 0], seen.heading[..., 1]
         # The gains belong to the earth's axes, so that errors turn there and the force turns back.
         offset = np.concatenate([seen.relative_position, seen.yaw_error[..., None]], axis=-1)
@@ -148,12 +155,14 @@ class Controller:
 
         Args:
             observation: Shape (size,) or (N, size), size 20 unless the scenario chooses other groups.
-            state: Handed back as it is: the law has no memory.
-            episode_start: Not used.
+            state: What the last call gave back, None at first. Only where the ship is known by fixes has the law a
+                memory.
+            episode_start: Which of N episodes begin with the observation, (N,).
             deterministic: Not used: the law has no randomness.
 
         Returns:
-            The action, float32 in [-1, 1] of shape (3,) or (N, 3), the force over the actuators' limits; and ``state``.
+            The action, float32 in [-1, 1] of shape (actions,) or (N, actions), the force over the actuators' limits;
+            and the state for the next call.
 
         Raises:
             ValueError: The observation has another shape.
@@ -162,7 +171,11 @@ class Controller:
         if obs.ndim not in (1, 2):
             size = self.observation_settings.size
             raise ValueError(f"observation has shape {obs.shape}; it must be ({size},) or (N, {size}).")
-        return np.clip(self.force(obs) / self.force_limits, -1.0, 1.0).astype(np.float32), state
+        seen, state = self._observe(unpack(np.atleast_2d(obs), self.observation_settings), state, episode_start)
+        force, limits = self.law(seen)[:, self._axes], self.force_limits[self._axes]
+        share = np.divide(force, limits, out=np.zeros_like(force), where=limits > 0.0)
+        action = np.clip(share, -1.0, 1.0).astype(np.float32)
+        return (action[0] if obs.ndim == 1 else action), state
 
 
 class NLPDController(Controller):

@@ -219,14 +219,16 @@ def delivered_gbit(
 
 
 def effort(force: npt.ArrayLike, force_limits: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> Array:
-    """Root mean square of force over limit, over the periods and the three axes, in [0, 1].
+    """Root mean square of force over limit, over the periods and the axes that have a force, in [0, 1].
 
     Args:
         force: Applied force, (T, ..., 3) [N, N, N m].
         force_limits: The actuators' limits, (3,) [N, N, N m].
         valid: Which samples belong to the episode, (T + 1, ...).
     """
-    share = np.square(np.asarray(force, dtype=float) / np.asarray(force_limits, dtype=float)).mean(axis=-1)
+    limits = np.asarray(force_limits, dtype=float)
+    has = limits > 0.0
+    share = np.square(np.asarray(force, dtype=float)[..., has] / limits[has]).sum(axis=-1) / max(1, has.sum())
     belongs = np.ones_like(share, dtype=bool) if valid is None else np.asarray(valid, dtype=bool)[1:]
     result: Array = np.sqrt(_sum(np.where(belongs, share, 0.0)) / np.maximum(belongs.sum(axis=0), 1))
     return result

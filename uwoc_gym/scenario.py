@@ -13,10 +13,11 @@ import numpy as np
 
 from uwoc_gym.given import from_json, shown
 from uwoc_gym.parameters import Number, Parameters, SettingError, child, choice, closest, number
-from uwoc_gym.task.action import KINDS
+from uwoc_gym.task.action import AXES, KINDS
 from uwoc_gym.task.ending import EpisodeSettings
 from uwoc_gym.task.observation import ObservationSettings
 from uwoc_gym.task.reward import RewardSettings
+from uwoc_gym.world.auv.fixes import Fixes
 from uwoc_gym.world.auv.horizontal import FASTEST, Vehicle
 from uwoc_gym.world.auv.limits import Motion
 from uwoc_gym.world.auv.sensors import Sensors
@@ -51,6 +52,7 @@ class Scenario(Parameters):
     )
     sea: Sea = child(Sea(), (Sea,), "pulses and current")
     sensors: Sensors = child(Sensors(), (Sensors,), "measurement noise")
+    fixes: Fixes = child(Fixes(), (Fixes,), "late acoustic fixes of the ship, where they are observed")
     start: Start = child(Start(), (Start,), "the AUV's state at time 0")
     depth_m: Number | None = number(
         None,
@@ -75,6 +77,7 @@ class Scenario(Parameters):
                     f"Scenario.ship: the recorded path ends at {path.end_time_s:g} s, before the episode of "
                     f"{self.episode.duration_s:g} s; record at least that long or lower episode.duration_s."
                 )
+        self._check_fixes()
         motion = self.motion
         if not (motion.velocity <= FASTEST).all():
             speeds = ", ".join(f"{each:.3g}" for each in motion.velocity)
@@ -91,6 +94,14 @@ class Scenario(Parameters):
                 f"integrator doesn't follow; it must be at most {self.episode.step_within(longest)!r} [s]."
             )
         self._check_reach()
+
+    def _check_fixes(self) -> None:
+        """Refuse more than one ping in a control period, of which only one could be observed."""
+        if self.observation.fixes and np.min(self.fixes.period_s) < self.episode.control_period_s:
+            raise SettingError(
+                f"Fixes.period_s = {self.fixes.period_s!r} is not allowed: fixes come between actions; it must be at "
+                f"least EpisodeSettings.control_period_s = {self.episode.control_period_s!r} [s]."
+            )
 
     def _check_reach(self) -> None:
         """Refuse what nobody can solve: light that doesn't reach the AUV, a start at which the link counts as lost."""
@@ -138,13 +149,15 @@ class Scenario(Parameters):
         return KINDS[self.action]
 
     def derived(self) -> dict[str, float]:
-        """How many actions there are."""
-        return {"actions": len(self.actions)}
+        """How many actions move an actuator that has a force; 1 if none does, since it is divided by."""
+        moved = self.vehicle.force_limits[list(AXES[self.action])]
+        return {"actuators": max(1, np.count_nonzero(moved))}
 
     @property
     def draws(self) -> bool:
         """Whether episodes differ from seed to seed."""
-        return self != self.midpoint() or len(self.ship_paths) > 1 or any(each.random for each in self.family())
+        random = any(each.random for each in self.family() if each is not self.fixes or self.observation.fixes)
+        return random or self != self.midpoint() or len(self.ship_paths) > 1
 
     @classmethod
     def named(cls, name: str) -> Scenario:
@@ -184,6 +197,7 @@ class Scenario(Parameters):
             ship=CarriedOnPath(),
             sea=Sea(),
             sensors=Sensors(),
+            fixes=self.midpoint().fixes.exact(),
             episode=self.episode.merged({"integration_step_s": integration_step_s}),
         )
 

@@ -32,7 +32,7 @@ from uwoc_gym.parameters import ChoiceSpec, Number, Parameters
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.task import action, ending, observation, reward
 from uwoc_gym.task.reward import RewardSettings
-from uwoc_gym.world.auv import horizontal, sensors
+from uwoc_gym.world.auv import fixes, horizontal, sensors
 from uwoc_gym.world.optics import link
 from uwoc_gym.world.sea import current, pulses
 from uwoc_gym.world.ship import paths
@@ -44,6 +44,7 @@ COMPONENTS = {
     "vehicle": "vehicle",
     "current": "sea.current",
     "sensors": "sensors",
+    "fixes": "fixes",
     "start": "start",
     "reward": "reward",
     "observation": "observation",
@@ -73,6 +74,7 @@ MODULES: dict[str, ModuleType] = {
     "ship": paths,
     "link": link,
     "sensors": sensors,
+    "fix": fixes,
     "ending": ending,
 }
 """What compiled code finds at ``b.<name>``: the module's `STATE`; its `MEASURE` and `COST` stand with all others."""

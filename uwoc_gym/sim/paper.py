@@ -25,7 +25,7 @@ from uwoc_gym.sim.layout import (
     WORLD,
 )
 from uwoc_gym.task import action, ending, observation, reward
-from uwoc_gym.world.auv import horizontal, sensors, start
+from uwoc_gym.world.auv import fixes, horizontal, sensors, start
 from uwoc_gym.world.optics import link
 from uwoc_gym.world.sea import current, pulses
 from uwoc_gym.world.ship import paths
@@ -79,6 +79,8 @@ def _begin_episode(memory, world, b, j, at_step) -> None:
     ending.begin(b, j, at_step, world)
     action.begin(b, j)
     sensors.begin(b, j, world)
+    if world.observation.fix > 0.0:
+        fixes.begin(b, j)
     horizontal.begin(b, j, world)
     link.begin(b, j, world)
     paths.begin(b, j, world)
@@ -114,10 +116,10 @@ def _advance(memory, world, s, b, lanes, numbers, first_lane) -> None:
     substeps = int(world.episode.substeps)
     if world.scenario.action == action.WRENCH:
         for j in range(lanes):
-            action.take_wrench(b, j, numbers, first_lane + j)
+            action.take_wrench(b, j, numbers, first_lane + j, world)
     elif world.scenario.action == action.SURGE_YAW:
         for j in range(lanes):
-            action.take_surge_yaw(b, j, numbers, first_lane + j)
+            action.take_surge_yaw(b, j, numbers, first_lane + j, world)
     for j in range(lanes):
         horizontal.actuate(b, j, world)
 
@@ -200,6 +202,11 @@ def _observe(memory, world, s, b, first, last, entries, first_lane) -> None:
     if world.observation.time > 0.0:
         for j in range(first, last):
             observation.observe_time(b, j, world)
+    if world.observation.fix > 0.0:
+        for j in range(first, last):
+            fixes.listen(b, j)
+        for j in range(first, last):
+            observation.observe_fix(b, j, world)
     active = memory[int(world.layout.observed) : int(world.layout.segments)]
     for k in range(active.size):
         row = int(active[k]) * STRIDE

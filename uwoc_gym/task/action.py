@@ -13,10 +13,13 @@ KINDS: dict[str, tuple[str, ...]] = {
 
 WRENCH, SURGE_YAW = (float(place) for place in range(len(KINDS)))
 
+AXES = {"wrench": (0, 1, 2), "surge-yaw": (0, 2)}
+"""The axes, of surge, sway and yaw, that each kind's actions act on."""
+
 WIDTHS = tuple(len(names) for names in KINDS.values())
 
 STATE = rows("surge", "sway", "yaw")
-"""The clipped action of the last control period; 0 where the kind has none."""
+"""The clipped action of the last control period; 0 where the kind or the AUV has none."""
 
 
 @inlined
@@ -33,16 +36,18 @@ def _clipped(number):
 
 
 @inlined
-def take_wrench(b, j, numbers, place) -> None:
-    """Take three numbers from the ``place``-th three on."""
-    b.action.surge[j] = _clipped(numbers[3 * place])
-    b.action.sway[j] = _clipped(numbers[3 * place + 1])
-    b.action.yaw[j] = _clipped(numbers[3 * place + 2])
+def take_wrench(b, j, numbers, place, world) -> None:
+    """Take three numbers from the ``place``-th three on; those of actuators without force say nothing."""
+    can = world.vehicle
+    b.action.surge[j] = can.surges * _clipped(numbers[3 * place])
+    b.action.sway[j] = can.sways * _clipped(numbers[3 * place + 1])
+    b.action.yaw[j] = can.yaws * _clipped(numbers[3 * place + 2])
 
 
 @inlined
-def take_surge_yaw(b, j, numbers, place) -> None:
+def take_surge_yaw(b, j, numbers, place, world) -> None:
     """Take two numbers; there is no force to the side."""
-    b.action.surge[j] = _clipped(numbers[2 * place])
+    can = world.vehicle
+    b.action.surge[j] = can.surges * _clipped(numbers[2 * place])
     b.action.sway[j] = 0.0
-    b.action.yaw[j] = _clipped(numbers[2 * place + 1])
+    b.action.yaw[j] = can.yaws * _clipped(numbers[2 * place + 1])

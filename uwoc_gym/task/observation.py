@@ -26,6 +26,10 @@ LIMIT = 5.0
 """Bound of the scaled entries."""
 
 
+FIX_AGE_S = 4.0
+"""Scale of the age of a fix [s]."""
+
+
 class Entry(NamedTuple):
     """One entry of the observation vector."""
 
@@ -74,6 +78,14 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("inside the cone", "1", 0.0, 1.0),
     ),
     "time": (Entry("share of the episode gone", "1", 0.0, 1.0),),
+    "fix": (
+        Entry("last fix: ship position ahead at its ping", "m", -LIMIT, LIMIT, _POSITION),
+        Entry("last fix: ship position to starboard at its ping", "m", -LIMIT, LIMIT, _POSITION),
+        Entry("last fix: cosine of ship heading relative to AUV at its ping", "1", -1.0, 1.0),
+        Entry("last fix: sine of ship heading relative to AUV at its ping", "1", -1.0, 1.0),
+        Entry("time since the ping of the last fix", "s", 0.0, LIMIT, FIX_AGE_S),
+        Entry("last fix arrived with this observation", "1", 0.0, 1.0),
+    ),
 }
 """What can be observed: the entries of each group."""
 
@@ -132,10 +144,16 @@ class ObservationSettings(Parameters):
         own = [each.name for each in self.entries]
         return own.index(entry) if entry in own else None
 
+    @property
+    def fixes(self) -> bool:
+        """Whether the ship is known by fixes."""
+        return "fix" in self.groups
+
     def derived(self) -> dict[str, float]:
-        """What entries are multiplied with, and whether the time is observed."""
+        """What entries are multiplied with, and whether the time and fixes are observed."""
         return {
             "time": "time" in self.groups,
+            "fix": self.fixes,
             "per_position": 1.0 / self.position_scale_m,
             "per_velocity": 1.0 / self.velocity_scale_mps,
             "per_yaw_rate": 1.0 / self.yaw_rate_scale_rad_s,
@@ -170,6 +188,14 @@ class Measured(NamedTuple):
     """1 inside the cone, else 0, (...)."""
     elapsed: Array | None = None
     """Share of the episode gone, (...)."""
+    fix_position: Array | None = None
+    """Ship's position in the AUV's body frame at the ping of the last fix, (..., 2) [m]."""
+    fix_yaw_error: Array | None = None
+    """Ship's heading minus the AUV's at that ping, in (-π, π], (...) [rad]."""
+    fix_age_s: Array | None = None
+    """Time since that ping, (...) [s]."""
+    fix_is_new: Array | None = None
+    """1 where the fix arrived with this observation, else 0, (...)."""
     others: Mapping[str, Array] = MappingProxyType({})
     """The entries of further groups in SI units, by the group's name, (..., entries)."""
 
@@ -186,6 +212,12 @@ _READ: dict[str, Callable[[Array], dict[str, Array]]] = {
     "last-action": lambda x: {"last_action": x},
     "link": lambda x: {"link_level": x[..., 0], "in_cone": x[..., 1]},
     "time": lambda x: {"elapsed": x[..., 0]},
+    "fix": lambda x: {
+        "fix_position": x[..., 0:2],
+        "fix_yaw_error": np.arctan2(x[..., 3], x[..., 2]),
+        "fix_age_s": x[..., 4],
+        "fix_is_new": x[..., 5],
+    },
 }
 """How a group's entries, in SI units, are read; those of groups that aren't here stand in `Measured.others`."""
 
@@ -272,3 +304,16 @@ def observe(b, j, world) -> None:
 def observe_time(b, j, world) -> None:
     """How much of the episode is gone."""
     b.observed.time[0, j] = b.clock.step[j] / world.episode.max_steps
+
+
+@inlined
+def observe_fix(b, j, world) -> None:
+    """The last fix as it was at its ping, and its age."""
+    p = world.observation.per_position
+    fix, o = b.fix, b.observed
+    o.fix[0, j] = _limited(p * fix.ahead[j])
+    o.fix[1, j] = _limited(p * fix.starboard[j])
+    o.fix[2, j] = _within_one(fix.cos[j])
+    o.fix[3, j] = _within_one(fix.sin[j])
+    o.fix[4, j] = _limited((b.clock.time_s[j] - fix.ping_s[j]) / FIX_AGE_S)
+    o.fix[5, j] = 1.0 if fix.arrived[j] == b.clock.step[j] else 0.0

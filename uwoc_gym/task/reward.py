@@ -29,7 +29,8 @@ class RewardSettings(Parameters):
     in_cone    1 inside the cone                                   0 or 1
     position   1 / (1 + horizontal distance / position_scale_m)    0 to 1
     heading    1 / (1 + \\|yaw error\\| / heading_scale_rad)         0 to 1
-    effort     −(mean square of the clipped actions)               −1 to 0
+    effort     −(mean square of the clipped actions), over the     −1 to 0
+               actuators that have a force
     =========  ==================================================  ==========
     """
 
@@ -62,7 +63,7 @@ def pay(b, j, world) -> None:
     t.in_cone[j] = w.in_cone * b.measure.in_cone[j]
     t.position[j] = w.position * w.position_scale_m / (w.position_scale_m + b.link.distance_m[j])
     t.heading[j] = w.heading * w.heading_scale_rad / (w.heading_scale_rad + abs(yaw_error))
-    t.effort[j] = -(w.effort / world.scenario.actions) * fma(surge, surge, fma(sway, sway, yaw * yaw))
+    t.effort[j] = -(w.effort / world.scenario.actuators) * fma(surge, surge, fma(sway, sway, yaw * yaw))
     reward = 0.0
     for k in range(t.all.shape[0]):
         reward += t.all[k, j]

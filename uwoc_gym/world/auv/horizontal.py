@@ -72,15 +72,9 @@ class Vehicle(Parameters):
     )
     damping_scale: Number = number(1.0, "1", "true damping over nominal", low=0.0, high=100.0, source="project default")
     coriolis: bool = flag(True, "Coriolis and centripetal terms; off reproduces the paper's PD row")
-    max_surge_force_n: float = number(
-        2000.0, "N", "surge force at action 1", low=0.001, high=1e5, randomisable=False, source=ACTUATORS
-    )
-    max_sway_force_n: float = number(
-        2000.0, "N", "sway force at action 1", low=0.001, high=1e5, randomisable=False, source=ACTUATORS
-    )
-    max_yaw_moment_nm: float = number(
-        500.0, "N m", "yaw moment at action 1", low=0.001, high=1e5, randomisable=False, source=ACTUATORS
-    )
+    max_surge_force_n: Number = number(2000.0, "N", "surge force at action 1", low=0.0, high=1e5, source=ACTUATORS)
+    max_sway_force_n: Number = number(2000.0, "N", "sway force at action 1", low=0.0, high=1e5, source=ACTUATORS)
+    max_yaw_moment_nm: Number = number(500.0, "N m", "yaw moment at action 1", low=0.0, high=1e5, source=ACTUATORS)
 
     def nominal(self) -> Vehicle:
         """The model that controllers know: scales at 1 and every range at its middle."""
@@ -88,8 +82,13 @@ class Vehicle(Parameters):
 
     @property
     def force_limits(self) -> Array:
-        """Actuator limits (surge force [N], sway force [N], yaw moment [N m]), shape (3,)."""
-        return np.array([self.max_surge_force_n, self.max_sway_force_n, self.max_yaw_moment_nm])
+        """The most that the actuators can (surge force [N], sway force [N], yaw moment [N m]), shape (3,)."""
+        limits = (self.max_surge_force_n, self.max_sway_force_n, self.max_yaw_moment_nm)
+        return np.array([np.max(limit) for limit in limits], dtype=float)
+
+    def derived(self) -> dict[str, float]:
+        """Whether there is any force along each axis."""
+        return dict(zip(("surges", "sways", "yaws"), (self.force_limits > 0.0).tolist(), strict=True))
 
     @property
     def inertia(self) -> Array:
@@ -219,9 +218,10 @@ def turn_to_heading(b, j) -> None:
 def actuate(b, j, world) -> None:
     """Turn the lane's action into the force that acts throughout the control period."""
     a = b.auv
-    a.force_surge[j] = b.action.surge[j] * world.vehicle.max_surge_force_n
-    a.force_sway[j] = b.action.sway[j] * world.vehicle.max_sway_force_n
-    a.moment_yaw[j] = b.action.yaw[j] * world.vehicle.max_yaw_moment_nm
+    limits = b.drawn.vehicle
+    a.force_surge[j] = b.action.surge[j] * limits.max_surge_force_n[j]
+    a.force_sway[j] = b.action.sway[j] * limits.max_sway_force_n[j]
+    a.moment_yaw[j] = b.action.yaw[j] * limits.max_yaw_moment_nm[j]
     a.push_surge[j] = a.force_surge[j] * a.inverse_surge[j]
     a.push_sway[j] = a.force_sway[j] * a.inverse_sway[j]
     a.push_yaw[j] = a.moment_yaw[j] * a.inverse_yaw[j]
