@@ -82,6 +82,9 @@ def test_effort_is_one_at_the_limits() -> None:
     force = np.stack([[limits, limits], [-limits, 0.0 * limits]], axis=0)
     assert metrics.effort(force, limits) == pytest.approx([1.0, np.sqrt(0.5)])
     assert metrics.effort(force, limits, _lanes("111", "110")) == pytest.approx([1.0, 1.0])
+    without_sway = limits * [1.0, 0.0, 1.0]
+    assert metrics.effort(force * [1.0, 0.0, 1.0], without_sway) == pytest.approx([1.0, np.sqrt(0.5)])
+    assert metrics.effort(0.0 * force, 0.0 * limits) == pytest.approx([0.0, 0.0])
 
 
 def test_establishment_ignores_what_a_disturbance_does() -> None:

@@ -180,7 +180,6 @@ def test_controllers_fly_with_what_they_need():
             "needs the observation group 'ship-acceleration', .* gain set without feedforward",
         ),
         ({"observation": {"groups": ["ship", "velocity"]}}, "needs the observation group 'heading'"),
-        (CHOICES["surge-yaw"], "commands three forces, action = 'wrench'; the scenario has 'surge-yaw'"),
     ],
 )
 def test_controllers_say_what_they_lack(override, message):

@@ -20,14 +20,14 @@ from uwoc_gym.parameters import Number, Parameters, SettingError, number
 
 STREAM = 5.0
 
-UNDER_WAY = 4
-"""Fixes that can be on their way at a time."""
+SLOTS = 4
+"""Fixes that are kept until they arrive, the one of the latest ping among them."""
 
 STATE = rows(
     # The fix that is held, the number of the latest ping and of the latest fix, and the step of its arrival.
     "ahead", "starboard", "cos", "sin", "ping_s", "pinged", "delivered", "arrived",
-    sent_ahead=(UNDER_WAY,), sent_starboard=(UNDER_WAY,), sent_cos=(UNDER_WAY,), sent_sin=(UNDER_WAY,),
-    sent_s=(UNDER_WAY,), lost=(UNDER_WAY,),
+    sent_ahead=(SLOTS,), sent_starboard=(SLOTS,), sent_cos=(SLOTS,), sent_sin=(SLOTS,),
+    sent_s=(SLOTS,), lost=(SLOTS,),
 )  # fmt: skip
 
 _TOLERANCE = 1e-6
@@ -58,10 +58,10 @@ class Fixes(Parameters):
     dropout: Number = number(0.0, "1", "probability that a fix is lost", low=0.0, high=0.99, source="project default")
 
     def _check(self) -> None:
-        if np.max(self.delay_s) > UNDER_WAY * np.min(self.period_s) * (1.0 - _TOLERANCE):
+        if np.max(self.delay_s) > (SLOTS - 1) * np.min(self.period_s):
             raise SettingError(
-                f"Fixes.delay_s = {self.delay_s!r} is not allowed: it must be below {UNDER_WAY} times period_s = "
-                f"{self.period_s!r} [s], since {UNDER_WAY} fixes can be on their way."
+                f"Fixes.delay_s = {self.delay_s!r} is not allowed; it must be at most {SLOTS - 1} times period_s = "
+                f"{self.period_s!r} [s], since no more fixes can be on their way."
             )
 
     @property
@@ -124,7 +124,7 @@ def listen(b, j) -> None:
     time = b.clock.time_s[j]
     number = floor(time / p.period_s[j] + _TOLERANCE)
     if number > o.pinged[j]:
-        slot = int(number) % UNDER_WAY
+        slot = int(number) % SLOTS
         _ping(b, j, slot, number)
         if o.pinged[j] < 0.0:
             _hold(b, j, slot)
@@ -132,7 +132,7 @@ def listen(b, j) -> None:
         o.pinged[j] = number
     due = floor((time - p.delay_s[j]) / p.period_s[j] + _TOLERANCE)
     if due > o.delivered[j]:
-        slot = int(due) % UNDER_WAY
+        slot = int(due) % SLOTS
         o.delivered[j] = due
         if o.lost[slot, j] == 0.0:
             _hold(b, j, slot)
