@@ -1,4 +1,4 @@
-"""The scripted controllers' law and the interface that they share with learned policies.
+"""The scripted controllers' law.
 
     τ = Rᵀ(ϱ) [M(η) η̈_ref + C(ν,η) η̇_ref + D(ν,η) η̇_ref + K_p(·) η̃ + K_v(·) ν̃]        (paper, sec. 3.2)
 
@@ -16,11 +16,9 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
-from uwoc_gym.baselines.observers import CarriedFixes, Observer, as_seen
+from uwoc_gym.baselines.law import Law, several
 from uwoc_gym.given import SettingError, shown
-from uwoc_gym.scenario import Scenario, as_scenario
-from uwoc_gym.task.action import AXES
-from uwoc_gym.task.observation import Measured, unpack
+from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
 
@@ -47,76 +45,38 @@ def _turn(vector: Array, cosine: Array, sine: Array) -> Array:
     return np.stack([cosine * x - sine * y, sine * x + cosine * y, vector[..., 2]], axis=-1)
 
 
-class Controller:
+class Controller(Law):
     """The nonlinear PD law with model feedforward, batched over observations.
 
     Args:
         gains: A gain set or the name of one; or a sequence of N of them, one for each of N observations.
-        scenario: The scenario, or the name of one, that gives the vehicle's nominal model, the actuators' limits and
-            the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
+        scenario: As in `Law`.
 
     Raises:
         SettingError: There is no gain set or scenario of that name, or the scenario's observations leave out what the
             law needs.
-
-    Where the ship is known by fixes alone, the law flies on what `CarriedFixes` makes of them. Axes without a force or
-    an action are left alone.
     """
 
     def __init__(self, gains: str | Gains | Sequence[str | Gains], scenario: str | Scenario = "Nominal") -> None:
-        several: Sequence[Any] | None = gains if isinstance(gains, Sequence) and not isinstance(gains, str) else None
-        given: Sequence[Any] = [gains] if several is None else several
+        given = several(gains)
         if not given or not all(isinstance(each, (str, Gains)) for each in given):
             raise SettingError(
                 f"gains = {shown(gains)} is not allowed; it must be a Gains, a gain set's name, or several of them."
             )
         self.gain_sets = tuple(named_gains(each) if isinstance(each, str) else each for each in given)
-        axis: Any = 0 if several is None else slice(None)
+        axis: Any = 0 if given is not gains else slice(None)
         self._numbers = {
             name: np.array([getattr(each, name) for each in self.gain_sets])[axis]
             for name in ("a_p", "b_p", "mu_p", "a_v", "b_v", "mu_v")
         }
         self._informed = np.array([[each.feedforward] for each in self.gain_sets])[axis]
-        chosen = as_scenario(scenario)
-        self._check_interface(chosen)
-        self._observe: Observer = as_seen if "ship" in chosen.observation.groups else CarriedFixes(chosen)
-        self.vehicle = chosen.vehicle.nominal()
-        self.force_limits = self.vehicle.force_limits
-        self._axes = list(AXES[chosen.action])
-        self.observation_settings = chosen.observation
-        self._inertia = self.vehicle.inertia
+        needed = dict.fromkeys(("ship", "velocity", "heading"), "")
+        if self._informed.any():
+            needed["ship-acceleration"] = " or a gain set without feedforward"
+        super().__init__(scenario, needed)
 
-    def _check_interface(self, scenario: Scenario) -> None:
-        """Refuse a scenario that doesn't show the law what it needs."""
-        needed = ["velocity", "heading"]
-        if "fix" not in scenario.observation.groups:
-            needed = ["ship", *needed, *(["ship-acceleration"] if self._informed.any() else [])]
-        for group in needed:
-            if group not in scenario.observation.groups:
-                without = " or a gain set without feedforward" if group == "ship-acceleration" else ""
-                raise SettingError(
-                    f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
-                    f"it{without}."
-                )
-
-    def force(self, observation: npt.ArrayLike) -> Array:
-        """The force that the law asks for, before the actuators' limits, if the ship is observed at all times.
-
-        Args:
-            observation: Shape (..., size), size 20 unless the scenario chooses other groups.
-
-        Returns:
-            Surge force [N], sway force [N] and yaw moment [N m] in the AUV's body frame, float64 of shape (..., 3).
-
-        Raises:
-            ValueError: The observation's last axis has another size, or there are N gain sets and not N observations.
-        """
-        return self.law(unpack(observation, self.observation_settings))
-
-    def law(self, measured: Measured) -> Array:
-        """The force that the law asks for where the ship's state is ``measured``; as `force` otherwise."""
-        # Which entries are there has been checked.
-        seen: Any = measured
+    def force_for(self, seen: Any) -> Array:
+        """See `Law.force_for`."""
         cosine, sine = seen.heading[..., 0], seen.heading[..., 1]
         # The gains belong to the earth's axes, so that errors turn there and the force turns back.
         offset = np.concatenate([seen.relative_position, seen.yaw_error[..., None]], axis=-1)
@@ -143,39 +103,6 @@ class Controller:
         resistance = model.coriolis_force(velocity, ship) + model.damping(velocity) * ship
         result: Array = self._inertia * (seen.ship_acceleration - turning) + resistance
         return result
-
-    def predict(
-        self,
-        observation: npt.ArrayLike,
-        state: tuple[npt.NDArray[Any], ...] | None = None,
-        episode_start: npt.NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[npt.NDArray[np.float32], tuple[npt.NDArray[Any], ...] | None]:
-        """The action for an observation, called as in Stable-Baselines3.
-
-        Args:
-            observation: Shape (size,) or (N, size), size 20 unless the scenario chooses other groups.
-            state: What the last call gave back, None at first. Only where the ship is known by fixes has the law a
-                memory.
-            episode_start: Which of N episodes begin with the observation, (N,).
-            deterministic: Not used: the law has no randomness.
-
-        Returns:
-            The action, float32 in [-1, 1] of shape (actions,) or (N, actions), the force over the actuators' limits;
-            and the state for the next call.
-
-        Raises:
-            ValueError: The observation has another shape.
-        """
-        obs = np.asarray(observation)
-        if obs.ndim not in (1, 2):
-            size = self.observation_settings.size
-            raise ValueError(f"observation has shape {obs.shape}; it must be ({size},) or (N, {size}).")
-        seen, state = self._observe(unpack(np.atleast_2d(obs), self.observation_settings), state, episode_start)
-        force, limits = self.law(seen)[:, self._axes], self.force_limits[self._axes]
-        share = np.divide(force, limits, out=np.zeros_like(force), where=limits > 0.0)
-        action = np.clip(share, -1.0, 1.0).astype(np.float32)
-        return (action[0] if obs.ndim == 1 else action), state
 
 
 class NLPDController(Controller):

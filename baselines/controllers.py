@@ -7,6 +7,7 @@ from functools import partial
 
 from uwoc_gym.baselines.controller import Controller
 from uwoc_gym.baselines.gains import Gains
+from uwoc_gym.baselines.guidance import Guidance, GuidanceGains
 from uwoc_gym.baselines.policy import Policy
 
 _DESCRIPTIONS = {
@@ -17,9 +18,11 @@ _DESCRIPTIONS = {
     "nlpd-tuned": "the NLPD law with gains searched for the return in Random",
 }
 
+_LOS = "line-of-sight guidance, gains searched for the return in Underactuated"
+
 CONTROLLERS: dict[str, Policy] = {
     name: Policy(name, description, partial(Controller, name)) for name, description in _DESCRIPTIONS.items()
-}
+} | {"los": Policy("los", _LOS, partial(Guidance, GuidanceGains()))}
 """The controllers, as policies that can be made for any scenario."""
 
 

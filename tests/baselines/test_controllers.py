@@ -305,10 +305,10 @@ def test_refuses_what_is_no_gain_set(bad):
 
 
 def test_controllers_fly_the_gains_of_their_name():
-    assert list(CONTROLLERS) == list(GAINS)
+    assert [name for name in CONTROLLERS if name != "los"] == list(GAINS)
     observation = np.random.default_rng(6).uniform(-1, 1, 20).astype(np.float32)
-    for name, policy in CONTROLLERS.items():
-        made = policy.make(Scenario())
+    for name in GAINS:
+        made = CONTROLLERS[name].make(Scenario())
         np.testing.assert_array_equal(made.predict(observation)[0], Controller(GAINS[name]).predict(observation)[0])
 
 

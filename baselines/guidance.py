@@ -1,0 +1,94 @@
+"""Line-of-sight guidance: ask for a velocity, turn toward it, and drive along it.
+
+The velocity that is wanted is the ship's plus a pull toward it that is capped. The AUV turns toward that course,
+against its own drift (crab angle), and to the ship's heading where the course is slow; surge, and sway where there is
+any, follow the components of that velocity. See Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control",
+sec. 12.3 to 12.5. Unlike the PD law it can sail without a sway force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.baselines.law import Law, several
+from uwoc_gym.given import SettingError, shown
+from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.scenario import Scenario
+
+Array = npt.NDArray[np.float64]
+
+_SLOWEST_MPS = 0.3
+"""Speed below which a crab angle means little."""
+
+
+def _gain(default: float, unit: str, text: str, low: float, high: float) -> float:
+    return number(default, unit, text, low=low, high=high, randomisable=False, source="project default")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidanceGains(Parameters):
+    """Gains of the guidance law; rates are those at which errors are to vanish."""
+
+    pull_per_s: float = _gain(1.35, "1/s", "speed toward the ship per metre of distance", 0.0, 100.0)
+    fastest_pull_mps: float = _gain(6.75, "m/s", "most that the pull may ask for", 0.0, 100.0)
+    slow_mps: float = _gain(0.036, "m/s", "speed at which course and ship's heading weigh alike", 1e-4, 100.0)
+    facing: float = _gain(0.06, "1", "weight of the ship's heading however fast the course", 0.0, 1.0)
+    turn_per_s: float = _gain(2.5, "1/s", "yaw rate per radian of heading error", 0.0, 1000.0)
+    fastest_turn_rad_s: float = _gain(3.3, "rad/s", "most that the heading error may ask for", 0.0, 1000.0)
+    yaw_rate_per_s: float = _gain(6.2, "1/s", "yaw acceleration per yaw rate", 0.0, 1000.0)
+    surge_per_s: float = _gain(12.1, "1/s", "surge acceleration per surge velocity", 0.0, 1000.0)
+    sway_per_s: float = _gain(3.7, "1/s", "sway acceleration per sway velocity", 0.0, 1000.0)
+    crab: float = _gain(0.96, "1", "share of the drift that is steered against", 0.0, 2.0)
+    munk: float = _gain(0.29, "1", "share of the Coriolis terms that is taken back", 0.0, 2.0)
+    lead: float = _gain(0.43, "1", "share of the ship's acceleration that is added", 0.0, 2.0)
+
+
+class Guidance(Law):
+    """The guidance law, batched over observations.
+
+    Args:
+        gains: A gain set, or a sequence of N of them, one for each of N observations.
+        scenario: As in `Law`.
+
+    Raises:
+        SettingError: As in `Law`, or ``gains`` is something else.
+    """
+
+    def __init__(self, gains: GuidanceGains | Sequence[GuidanceGains], scenario: str | Scenario = "Nominal") -> None:
+        given = several(gains)
+        if not given or not all(isinstance(each, GuidanceGains) for each in given):
+            raise SettingError(f"gains = {shown(gains)} is not allowed; it must be GuidanceGains, or several of them.")
+        one = given is not gains
+        self._gains = {
+            name: np.array([getattr(each, name) for each in given])[0 if one else slice(None)]
+            for name in GuidanceGains.specs()
+        }
+        super().__init__(scenario, dict.fromkeys(("ship", "velocity", "ship-acceleration"), ""))
+
+    def force_for(self, seen: Any) -> Array:
+        """See `Law.force_for`."""
+        g, model, mass = self._gains, self.vehicle, self._inertia
+        own = seen.velocity
+        distance = np.hypot(seen.relative_position[..., 0], seen.relative_position[..., 1])
+        pull = np.minimum(g["pull_per_s"], g["fastest_pull_mps"] / np.maximum(distance, 1e-9))
+        ship = own + seen.relative_velocity
+        wanted = ship[..., :2] + pull[..., None] * seen.relative_position
+        speed = np.hypot(wanted[..., 0], wanted[..., 1])
+        drift = np.arcsin(np.clip(own[..., 1] / np.maximum(speed, _SLOWEST_MPS), -1.0, 1.0))
+        course = np.arctan2(wanted[..., 1], wanted[..., 0]) - g["crab"] * drift
+        weight = (1.0 - g["facing"]) * speed**2 / (speed**2 + g["slow_mps"] ** 2)
+        error = np.arctan2(
+            weight * np.sin(course) + (1.0 - weight) * np.sin(seen.yaw_error),
+            weight * np.cos(course) + (1.0 - weight) * np.cos(seen.yaw_error),
+        )
+        turn = np.clip(g["turn_per_s"] * error, -g["fastest_turn_rad_s"], g["fastest_turn_rad_s"])
+        rates = np.stack([*np.moveaxis(wanted, -1, 0), turn + (1.0 - weight) * ship[..., 2]], axis=-1)
+        haste = np.stack(np.broadcast_arrays(g["surge_per_s"], g["sway_per_s"], g["yaw_rate_per_s"]), axis=-1)
+        known = np.stack([np.asarray(g["lead"])] * 2 + [np.zeros_like(g["lead"])], axis=-1) * seen.ship_acceleration
+        force: Array = mass * (haste * (rates - own) + known) + model.damping(own) * rates
+        return force + np.asarray(g["munk"])[..., None] * model.coriolis_force(own, own)

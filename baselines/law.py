@@ -1,0 +1,110 @@
+"""What the scripted laws share: the interface of learned policies, an observer before the law, the actuators behind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from uwoc_gym.baselines.observers import CarriedFixes, Memory, Observer, as_seen
+from uwoc_gym.given import SettingError
+from uwoc_gym.scenario import Scenario, as_scenario
+from uwoc_gym.task.action import AXES
+from uwoc_gym.task.observation import Measured, unpack
+
+Array = npt.NDArray[np.float64]
+
+
+class Law:
+    """A force for what is seen of the ship, batched over observations; a law adds `force_for`.
+
+    Where the ship is known by fixes alone, the law flies on what `CarriedFixes` makes of them. Axes without a force or
+    an action are left alone.
+
+    Args:
+        scenario: The scenario, or the name of one, that gives the vehicle's nominal model, the actuators' limits and
+            the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
+        needed: Groups that the law needs where the ship is observed at all times, each with what would do without it,
+            or nothing.
+
+    Raises:
+        SettingError: There is no scenario of that name, or its observations leave out what the law needs.
+    """
+
+    def __init__(self, scenario: str | Scenario, needed: Mapping[str, str]) -> None:
+        chosen = as_scenario(scenario)
+        groups = chosen.observation.groups
+        late = chosen.observation.fixes and "ship" not in groups
+        for group, instead in needed.items():
+            if group not in groups and not (late and group in ("ship", "ship-acceleration")):
+                raise SettingError(
+                    f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
+                    f"it{instead}."
+                )
+        self.vehicle = chosen.vehicle.nominal()
+        self.force_limits = self.vehicle.force_limits
+        self.observation_settings = chosen.observation
+        self._inertia = self.vehicle.inertia
+        self._axes = list(AXES[chosen.action])
+        self._observe: Observer = CarriedFixes(chosen) if late else as_seen
+
+    def force_for(self, seen: Measured) -> Array:
+        """The force that the law asks for, before the actuators' limits.
+
+        Args:
+            seen: What is known of the ship and the AUV now, of shape (...).
+
+        Returns:
+            Surge force [N], sway force [N] and yaw moment [N m] in the AUV's body frame, float64 of shape (..., 3).
+        """
+        raise NotImplementedError
+
+    def force(self, observation: npt.ArrayLike) -> Array:
+        """The force that the law asks for where the ship is observed at all times; see `force_for`.
+
+        Args:
+            observation: Shape (..., size), size 20 unless the scenario chooses other groups.
+
+        Raises:
+            ValueError: The observation's last axis has another size, or there are N gain sets and not N observations.
+        """
+        return self.force_for(unpack(observation, self.observation_settings))
+
+    def predict(
+        self,
+        observation: npt.ArrayLike,
+        state: Memory = None,
+        episode_start: npt.NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[npt.NDArray[np.float32], Memory]:
+        """The action for an observation, called as in Stable-Baselines3.
+
+        Args:
+            observation: Shape (size,) or (N, size), size 20 unless the scenario chooses other groups.
+            state: What the last call gave back, None at first. Only where the ship is known by fixes is it needed.
+            episode_start: Which of N episodes begin with the observation, (N,).
+            deterministic: Not used: the law has no randomness.
+
+        Returns:
+            The action, float32 in [-1, 1] of shape (actions,) or (N, actions), the force over the actuators' limits;
+            and the state for the next call.
+
+        Raises:
+            ValueError: The observation has another shape.
+        """
+        obs = np.asarray(observation)
+        if obs.ndim not in (1, 2):
+            size = self.observation_settings.size
+            raise ValueError(f"observation has shape {obs.shape}; it must be ({size},) or (N, {size}).")
+        seen, state = self._observe(unpack(np.atleast_2d(obs), self.observation_settings), state, episode_start)
+        force, limits = self.force_for(seen)[:, self._axes], self.force_limits[self._axes]
+        share = np.divide(force, limits, out=np.zeros_like(force), where=limits > 0.0)
+        action = np.clip(share, -1.0, 1.0).astype(np.float32)
+        return (action[0] if obs.ndim == 1 else action), state
+
+
+def several(given: Any) -> Sequence[Any]:
+    """One gain set or a sequence of them, as a sequence."""
+    return given if isinstance(given, Sequence) and not isinstance(given, str) else [given]
