@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.baselines.observers import CarriedFixes, Memory, Observer, as_seen
+from uwoc_gym.baselines.observers import Memory, Observer, as_seen
 from uwoc_gym.given import SettingError
 from uwoc_gym.scenario import Scenario, as_scenario
 from uwoc_gym.task.action import AXES
@@ -20,12 +20,12 @@ Array = npt.NDArray[np.float64]
 class Law:
     """A force for what is seen of the ship, batched over observations; a law adds `force_for`.
 
-    Where the ship is known by fixes alone, the law flies on what `CarriedFixes` makes of them. Axes without a force or
-    an action are left alone.
+    Axes without a force or an action are left alone.
 
     Args:
         scenario: The scenario, or the name of one, that gives the vehicle's nominal model, the actuators' limits and
             the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
+        late: Makes the observer before the law where the ship is known by late fixes alone.
         needed: Groups that the law needs where the ship is observed at all times, each with what would do without it,
             or nothing.
 
@@ -33,12 +33,14 @@ class Law:
         SettingError: There is no scenario of that name, or its observations leave out what the law needs.
     """
 
-    def __init__(self, scenario: str | Scenario, needed: Mapping[str, str]) -> None:
+    def __init__(
+        self, scenario: str | Scenario, late: Callable[[Scenario], Observer], needed: Mapping[str, str]
+    ) -> None:
         chosen = as_scenario(scenario)
         groups = chosen.observation.groups
-        late = chosen.observation.fixes and "ship" not in groups
+        is_late = chosen.observation.fixes and "ship" not in groups
         for group, instead in needed.items():
-            if group not in groups and not (late and group in ("ship", "ship-acceleration")):
+            if group not in groups and not (is_late and group in ("ship", "ship-acceleration")):
                 raise SettingError(
                     f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
                     f"it{instead}."
@@ -48,7 +50,7 @@ class Law:
         self.observation_settings = chosen.observation
         self._inertia = self.vehicle.inertia
         self._axes = list(AXES[chosen.action])
-        self._observe: Observer = CarriedFixes(chosen) if late else as_seen
+        self._observe: Observer = late(chosen) if is_late else as_seen
 
     def force_for(self, seen: Measured) -> Array:
         """The force that the law asks for, before the actuators' limits.
