@@ -8,7 +8,7 @@ with the errors η̃ = η_ref − η and ν̃ = η̇_ref − η̇ in the earth f
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
 from uwoc_gym.baselines.law import Law, several
+from uwoc_gym.baselines.observers import CarriedFixes, Observer
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.scenario import Scenario
 
@@ -50,14 +51,19 @@ class Controller(Law):
 
     Args:
         gains: A gain set or the name of one; or a sequence of N of them, one for each of N observations.
-        scenario: As in `Law`.
+        scenario, late: As in `Law`.
 
     Raises:
         SettingError: There is no gain set or scenario of that name, or the scenario's observations leave out what the
             law needs.
     """
 
-    def __init__(self, gains: str | Gains | Sequence[str | Gains], scenario: str | Scenario = "Nominal") -> None:
+    def __init__(
+        self,
+        gains: str | Gains | Sequence[str | Gains],
+        scenario: str | Scenario = "Nominal",
+        late: Callable[[Scenario], Observer] = CarriedFixes,
+    ) -> None:
         given = several(gains)
         if not given or not all(isinstance(each, (str, Gains)) for each in given):
             raise SettingError(
@@ -73,7 +79,7 @@ class Controller(Law):
         needed = dict.fromkeys(("ship", "velocity", "heading"), "")
         if self._informed.any():
             needed["ship-acceleration"] = " or a gain set without feedforward"
-        super().__init__(scenario, needed)
+        super().__init__(scenario, late, needed)
 
     def force_for(self, seen: Any) -> Array:
         """See `Law.force_for`."""

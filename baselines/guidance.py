@@ -8,7 +8,7 @@ sec. 12.3 to 12.5. Unlike the PD law it can sail without a sway force.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.baselines.law import Law, several
+from uwoc_gym.baselines.observers import CarriedFixes, Observer
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.parameters import Parameters, number
 from uwoc_gym.scenario import Scenario
@@ -53,13 +54,18 @@ class Guidance(Law):
 
     Args:
         gains: A gain set, or a sequence of N of them, one for each of N observations.
-        scenario: As in `Law`.
+        scenario, late: As in `Law`.
 
     Raises:
         SettingError: As in `Law`, or ``gains`` is something else.
     """
 
-    def __init__(self, gains: GuidanceGains | Sequence[GuidanceGains], scenario: str | Scenario = "Nominal") -> None:
+    def __init__(
+        self,
+        gains: GuidanceGains | Sequence[GuidanceGains],
+        scenario: str | Scenario = "Nominal",
+        late: Callable[[Scenario], Observer] = CarriedFixes,
+    ) -> None:
         given = several(gains)
         if not given or not all(isinstance(each, GuidanceGains) for each in given):
             raise SettingError(f"gains = {shown(gains)} is not allowed; it must be GuidanceGains, or several of them.")
@@ -68,7 +74,7 @@ class Guidance(Law):
             name: np.array([getattr(each, name) for each in given])[0 if one else slice(None)]
             for name in GuidanceGains.specs()
         }
-        super().__init__(scenario, dict.fromkeys(("ship", "velocity", "ship-acceleration"), ""))
+        super().__init__(scenario, late, dict.fromkeys(("ship", "velocity", "ship-acceleration"), ""))
 
     def force_for(self, seen: Any) -> Array:
         """See `Law.force_for`."""
