@@ -1,9 +1,10 @@
-"""Line-of-sight guidance: ask for a velocity, turn toward it, and drive along it.
+"""Line-of-sight guidance: ask for a velocity through the water, turn toward it, and drive along it.
 
-The velocity that is wanted is the ship's plus a pull toward it that is capped. The AUV turns toward that course,
-against its own drift (crab angle), and to the ship's heading where the course is slow; surge, and sway where there is
-any, follow the components of that velocity. See Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control",
-sec. 12.3 to 12.5. Unlike the PD law it can sail without a sway force.
+The velocity that is wanted is the ship's plus a pull toward it that is capped, less that of the water as far as a
+filter believes in it. The bow turns toward that course, and to the ship's heading where the course is slow; surge, and
+sway where there is any, follow the components of that velocity, but give way to the turn: a hull that is pushed askew
+makes a moment of its own (Munk's), which can exceed that of the actuators. See Fossen, "Handbook of Marine Craft
+Hydrodynamics and Motion Control", sec. 12.3 to 12.5.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.baselines.current_filter import CurrentFilter
 from uwoc_gym.baselines.law import Law, several
-from uwoc_gym.baselines.observers import CarriedFixes, Observer
+from uwoc_gym.baselines.observers import CarriedFixes, Observer, in_turn
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.parameters import Parameters, number
-from uwoc_gym.scenario import Scenario
+from uwoc_gym.scenario import Scenario, as_scenario
 
 Array = npt.NDArray[np.float64]
 
@@ -37,16 +39,18 @@ class GuidanceGains(Parameters):
 
     pull_per_s: float = _gain(1.35, "1/s", "speed toward the ship per metre of distance", 0.0, 100.0)
     fastest_pull_mps: float = _gain(6.75, "m/s", "most that the pull may ask for", 0.0, 100.0)
-    slow_mps: float = _gain(0.036, "m/s", "speed at which course and ship's heading weigh alike", 1e-4, 100.0)
+    slow_mps: float = _gain(0.3, "m/s", "speed at which course and ship's heading weigh alike", 1e-4, 100.0)
     facing: float = _gain(0.06, "1", "weight of the ship's heading however fast the course", 0.0, 1.0)
     turn_per_s: float = _gain(2.5, "1/s", "yaw rate per radian of heading error", 0.0, 1000.0)
     fastest_turn_rad_s: float = _gain(3.3, "rad/s", "most that the heading error may ask for", 0.0, 1000.0)
     yaw_rate_per_s: float = _gain(6.2, "1/s", "yaw acceleration per yaw rate", 0.0, 1000.0)
     surge_per_s: float = _gain(12.1, "1/s", "surge acceleration per surge velocity", 0.0, 1000.0)
     sway_per_s: float = _gain(3.7, "1/s", "sway acceleration per sway velocity", 0.0, 1000.0)
-    crab: float = _gain(0.96, "1", "share of the drift that is steered against", 0.0, 2.0)
-    munk: float = _gain(0.29, "1", "share of the Coriolis terms that is taken back", 0.0, 2.0)
-    lead: float = _gain(0.43, "1", "share of the ship's acceleration that is added", 0.0, 2.0)
+    crab: float = _gain(0.5, "1", "share of the drift through the water that is steered against", 0.0, 2.0)
+    munk: float = _gain(0.3, "1", "share of the Coriolis terms that is taken back", 0.0, 2.0)
+    lead: float = _gain(0.4, "1", "share of the ship's acceleration that is added", 0.0, 2.0)
+    surge_yields: float = _gain(0.5, "1", "how much surge gives way to a turn", 0.0, 100.0)
+    sway_yields: float = _gain(3.0, "1", "how much sway gives way to a turn", 0.0, 100.0)
 
 
 class Guidance(Law):
@@ -74,18 +78,24 @@ class Guidance(Law):
             name: np.array([getattr(each, name) for each in given])[0 if one else slice(None)]
             for name in GuidanceGains.specs()
         }
-        super().__init__(scenario, late, dict.fromkeys(("ship", "velocity", "ship-acceleration"), ""))
+        chosen = as_scenario(scenario)
+        super().__init__(chosen, late, dict.fromkeys(("ship", "velocity", "ship-acceleration"), ""))
+        if all(group in chosen.observation.groups for group in CurrentFilter.needed):
+            self._observe = in_turn(self._observe, CurrentFilter(chosen))
 
     def force_for(self, seen: Any) -> Array:
-        """See `Law.force_for`."""
-        g, model, mass = self._gains, self.vehicle, self._inertia
-        own = seen.velocity
-        distance = np.hypot(seen.relative_position[..., 0], seen.relative_position[..., 1])
+        """See `Law.force_for`; axes give way to a turn within the actuators' limits."""
+        g, model = self._gains, self.vehicle
+        place, own = seen.relative_position, seen.velocity
+        water = np.zeros_like(own)
+        if seen.water_velocity is not None:
+            water[..., :2] = seen.water_velocity
+        ship, through = own + seen.relative_velocity - water, own - water
+        distance = np.hypot(place[..., 0], place[..., 1])
         pull = np.minimum(g["pull_per_s"], g["fastest_pull_mps"] / np.maximum(distance, 1e-9))
-        ship = own + seen.relative_velocity
-        wanted = ship[..., :2] + pull[..., None] * seen.relative_position
+        wanted = ship[..., :2] + pull[..., None] * place
         speed = np.hypot(wanted[..., 0], wanted[..., 1])
-        drift = np.arcsin(np.clip(own[..., 1] / np.maximum(speed, _SLOWEST_MPS), -1.0, 1.0))
+        drift = np.arcsin(np.clip(through[..., 1] / np.maximum(speed, _SLOWEST_MPS), -1.0, 1.0))
         course = np.arctan2(wanted[..., 1], wanted[..., 0]) - g["crab"] * drift
         weight = (1.0 - g["facing"]) * speed**2 / (speed**2 + g["slow_mps"] ** 2)
         error = np.arctan2(
@@ -95,6 +105,11 @@ class Guidance(Law):
         turn = np.clip(g["turn_per_s"] * error, -g["fastest_turn_rad_s"], g["fastest_turn_rad_s"])
         rates = np.stack([*np.moveaxis(wanted, -1, 0), turn + (1.0 - weight) * ship[..., 2]], axis=-1)
         haste = np.stack(np.broadcast_arrays(g["surge_per_s"], g["sway_per_s"], g["yaw_rate_per_s"]), axis=-1)
-        known = np.stack([np.asarray(g["lead"])] * 2 + [np.zeros_like(g["lead"])], axis=-1) * seen.ship_acceleration
-        force: Array = mass * (haste * (rates - own) + known) + model.damping(own) * rates
-        return force + np.asarray(g["munk"])[..., None] * model.coriolis_force(own, own)
+        known = np.stack([g["lead"], g["lead"], np.zeros_like(g["lead"])], axis=-1) * seen.ship_acceleration
+        force = self._inertia * (haste * (rates - through) + known) + model.damping(through) * rates
+        force = force + g["munk"][..., None] * model.coriolis_force(through, through)
+        askew = 1.0 - np.cos(error)
+        yields = np.stack([g["surge_yields"] * askew, g["sway_yields"] * askew, 0.0 * askew], axis=-1)
+        limits = self.force_limits * np.exp(-yields)
+        limited: Array = np.clip(force, -limits, limits)
+        return limited

@@ -33,6 +33,21 @@ def as_seen(seen: Measured, memory: Memory, begun: npt.NDArray[np.bool_] | None)
     return seen, memory
 
 
+def in_turn(first: Observer, second: Observer) -> Observer:
+    """Two observers, the second of which sees what the first has completed."""
+
+    def both(seen: Measured, memory: Any, begun: npt.NDArray[np.bool_] | None) -> tuple[Measured, Memory]:
+        # How many arrays the first one remembers stands before them, so that a memory stays a tuple of arrays.
+        count = 0 if memory is None else int(memory[0][0])
+        before = (None, None) if memory is None else (memory[1 : 1 + count] or None, memory[1 + count :])
+        seen, own = first(seen, before[0], begun)
+        seen, others = second(seen, before[1], begun)
+        kept = own or ()
+        return seen, (np.array([len(kept)]), *kept, *(others or ()))
+
+    return both
+
+
 class Heard(NamedTuple):
     """A fix among the AUV's own places, in a frame with the earth's axes that begins where the AUV did."""
 

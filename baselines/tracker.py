@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.baselines.kalman import Belief, belief, chosen, correct, matrix
 from uwoc_gym.baselines.observers import DeadReckoning, Heard, Memory, completed, wrapped
 from uwoc_gym.parameters import Parameters, number
 from uwoc_gym.scenario import Scenario
@@ -55,32 +56,8 @@ _TURNING_RAD_S = 0.3
 """Deviation of the yaw rate before anything is known."""
 
 
-class _Belief(NamedTuple):
-    """A Kalman filter's mean (N, n) and covariance (N, n, n)."""
-
-    mean: Array
-    cov: Array
-
-
-def _predict(belief: _Belief, step: Array, noise: Array) -> _Belief:
-    return _Belief((step @ belief.mean[..., None])[..., 0], step @ belief.cov @ step.swapaxes(1, 2) + noise)
-
-
-def _correct(belief: _Belief, innovation: Array, seen: Array, noise: Array) -> tuple[_Belief, Array, Array]:
-    """The belief after a measurement; its log likelihood, and the innovation's square in its own covariance (NIS)."""
-    spread = seen @ belief.cov @ seen.T + noise
-    inverse = np.linalg.inv(spread)
-    gain = belief.cov @ seen.T @ inverse
-    square = np.einsum("ni,nij,nj->n", innovation, inverse, innovation)
-    kept = np.eye(belief.mean.shape[1]) - gain @ seen
-    cov = kept @ belief.cov @ kept.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
-    likelihood = -0.5 * (square + np.linalg.slogdet(spread)[1])
-    return _Belief(belief.mean + (gain @ innovation[..., None])[..., 0], cov), likelihood, square
-
-
-def _matrix(rows: Sequence[Sequence[Any]], lanes: int) -> Array:
-    """A matrix for each lane from entries that are numbers or (N,)."""
-    return np.stack([np.stack([np.broadcast_to(each, lanes) for each in row], axis=-1) for row in rows], axis=-2)
+def _predict(belief: Belief, step: Array, noise: Array) -> Belief:
+    return Belief((step @ belief.mean[..., None])[..., 0], step @ belief.cov @ step.swapaxes(1, 2) + noise)
 
 
 def _along(yaw: Array, turn: Array) -> Array:
@@ -91,8 +68,8 @@ def _along(yaw: Array, turn: Array) -> Array:
 
 def _steady(time: Array, density: float) -> tuple[Array, Array]:
     """Transition and noise of (way, speed) over times, (N,) [s], with a speed that drifts."""
-    step = _matrix([[1.0, time], [0.0, 1.0]], time.size)
-    noise = _matrix([[time**3 / 3.0, time**2 / 2.0], [time**2 / 2.0, time]], time.size)
+    step = matrix([[1.0, time], [0.0, 1.0]], time.size)
+    noise = matrix([[time**3 / 3.0, time**2 / 2.0], [time**2 / 2.0, time]], time.size)
     return step, density**2 * noise
 
 
@@ -104,13 +81,13 @@ def _singer(time: Array, deviation: float, correlation_s: float) -> tuple[Array,
     """
     t, tau = time / correlation_s, correlation_s
     e = np.exp(-t)
-    step = _matrix([[1.0, time, tau**2 * (t - 1.0 + e)], [0.0, 1.0, tau * (1.0 - e)], [0.0, 0.0, e]], time.size)
+    step = matrix([[1.0, time, tau**2 * (t - 1.0 + e)], [0.0, 1.0, tau * (1.0 - e)], [0.0, 0.0, e]], time.size)
     q11 = tau**4 * (1.0 - e**2 + 2.0 * t + 2.0 * t**3 / 3.0 - 2.0 * t**2 - 4.0 * t * e)
     q12 = tau**3 * (e**2 + 1.0 - 2.0 * e + 2.0 * t * e - 2.0 * t + t**2)
     q13 = tau**2 * (1.0 - e**2 - 2.0 * t * e)
     q22 = tau**2 * (4.0 * e - 3.0 - e**2 + 2.0 * t)
     q23 = tau * (e**2 + 1.0 - 2.0 * e)
-    noise = _matrix([[q11, q12, q13], [q12, q22, q23], [q13, q23, 1.0 - e**2]], time.size)
+    noise = matrix([[q11, q12, q13], [q12, q22, q23], [q13, q23, 1.0 - e**2]], time.size)
     return step, deviation**2 * noise
 
 
@@ -136,8 +113,8 @@ class _Track(NamedTuple):
 
     ping_s: Array
     weights: Array
-    yaw: _Belief
-    models: tuple[_Belief, ...]
+    yaw: Belief
+    models: tuple[Belief, ...]
     """Steady and changing speed along the heading, (x, y, speed, ...); free, (x, y, vx, vy, ax, ay)."""
 
 
@@ -147,7 +124,7 @@ def _flat(track: _Track) -> tuple[Array, ...]:
 
 def _track(parts: Sequence[Array]) -> _Track:
     ping_s, weights, *beliefs = parts
-    yaw, *models = (_Belief(*beliefs[i : i + 2]) for i in range(0, len(beliefs), 2))
+    yaw, *models = (Belief(*beliefs[i : i + 2]) for i in range(0, len(beliefs), 2))
     return _Track(ping_s, weights, yaw, tuple(models))
 
 
@@ -169,32 +146,27 @@ class ShipTracker:
         heard, reckoned = self._reckon(seen, reckoned, begun)
         assert reckoned is not None
         if parts is None or heard.begun.any():
-            parts = _chosen(heard.begun, _flat(self._begin(heard)), parts)
+            parts = chosen(heard.begun, _flat(self.begin(heard)), parts)
         later = heard.told & ~heard.begun
         if later.any():
-            parts = _chosen(later, _flat(self.learn(_track(parts), heard.ship, heard.ping_s)[0]), parts)
+            parts = chosen(later, _flat(self.learn(_track(parts), heard.ship, heard.ping_s)[0]), parts)
         return completed(seen, heard.place, *self._now(_track(parts), heard.age_s)), (*reckoned, *parts)
 
-    def _begin(self, heard: Heard) -> _Track:
+    def begin(self, heard: Heard) -> _Track:
         """Nothing but a first fix is known."""
         s, lanes = self.settings, len(heard.ship)
-        place, yaw = heard.ship[:, :2], heard.ship[:, 2:]
-        speed = np.full((lanes, 1), s.speed_mps)
-        none = np.zeros((lanes, 1))
-
-        def belief(mean: Sequence[Array], *deviations: float) -> _Belief:
-            return _Belief(np.concatenate(mean, axis=1), np.tile(np.diag(np.square(deviations)), (lanes, 1, 1)))
-
-        near = (s.position_std_m, s.position_std_m)
+        x, y, yaw = heard.ship.T
+        near = [s.position_std_m] * 2
         anyhow = float(np.hypot(s.speed_mps, s.speed_std_mps))
+        changing = [s.speed_std_mps, s.changing_mps2]
         return _Track(
             heard.ping_s,
             np.full((lanes, 3), 1.0 / 3.0),
-            belief([yaw, none], s.yaw_std_rad, _TURNING_RAD_S),
+            belief([yaw, 0.0], [s.yaw_std_rad, _TURNING_RAD_S], lanes),
             (
-                belief([place, speed], *near, s.speed_std_mps),
-                belief([place, speed, none], *near, s.speed_std_mps, s.changing_mps2),
-                belief([place, *[none] * 4], *near, anyhow, anyhow, s.free_mps2, s.free_mps2),
+                belief([x, y, s.speed_mps], [*near, s.speed_std_mps], lanes),
+                belief([x, y, s.speed_mps, 0.0], [*near, *changing], lanes),
+                belief([x, y, *[0.0] * 4], [*near, anyhow, anyhow, s.free_mps2, s.free_mps2], lanes),
             ),
         )
 
@@ -213,7 +185,7 @@ class ShipTracker:
         time = np.maximum(ping_s - track.ping_s, 1e-3)
         ahead = _predict(track.yaw, *_steady(time, s.turning_rad_s2))
         error = wrapped(ship[:, 2:] - ahead.mean[:, :1])
-        yaw, _, _ = _correct(ahead, error, np.eye(1, 2), np.array([[s.yaw_std_rad**2]]))
+        yaw, _, _ = correct(ahead, error, np.eye(1, 2), np.array([[s.yaw_std_rad**2]]))
         turn = yaw.mean[:, 0] - track.yaw.mean[:, 0]
         along = _along(track.yaw.mean[:, 0], turn)
         across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
@@ -225,14 +197,14 @@ class ShipTracker:
             (_both(singer[0]), _both(singer[1])),
         )
         models, scores, squares = [], [], []
-        for belief, (step, noise) in zip(track.models, ways, strict=True):
-            size = belief.mean.shape[1]
+        for model, (step, noise) in zip(track.models, ways, strict=True):
+            size = model.mean.shape[1]
             if size < 6:
                 # A heading that is wrong puts the ship beside its way.
-                noise[:, :2, :2] += blur * np.square(belief.mean[:, 2] * time)[:, None, None]
-            before = _predict(belief, step, noise)
+                noise[:, :2, :2] += blur * np.square(model.mean[:, 2] * time)[:, None, None]
+            before = _predict(model, step, noise)
             innovation = ship[:, :2] - before.mean[:, :2]
-            after, score, square = _correct(before, innovation, np.eye(2, size), np.eye(2) * s.position_std_m**2)
+            after, score, square = correct(before, innovation, np.eye(2, size), np.eye(2) * s.position_std_m**2)
             models.append(after)
             scores.append(score)
             squares.append(square)
@@ -274,13 +246,3 @@ class ShipTracker:
             np.column_stack([mean[:, 2:4], rate]),
             np.column_stack([mean[:, 4:], still]),
         )
-
-
-def _chosen(where: npt.NDArray[np.bool_], new: Sequence[Array], old: Sequence[Array] | None) -> tuple[Array, ...]:
-    """The new entries of some lanes, the old ones of the others."""
-    if old is None:
-        return tuple(new)
-    return tuple(
-        np.where(where.reshape((-1,) + (1,) * (fresh.ndim - 1)), fresh, kept)
-        for fresh, kept in zip(new, old, strict=True)
-    )

@@ -39,7 +39,7 @@ def test_it_turns_to_a_ship_that_is_abeam() -> None:
 
 
 def test_the_pull_is_capped() -> None:
-    law = Guidance(GuidanceGains(pull_per_s=1.0, fastest_pull_mps=2.0, munk=0.0))
+    law = Guidance(GuidanceGains(pull_per_s=1.0, fastest_pull_mps=2.0, munk=0.0, surge_yields=0.0, surge_per_s=1.0))
     near, far, farther = (law.force(observation(ship_position_ahead=x / 4.0))[0] for x in (1.0, 4.0, 8.0))
     assert near == pytest.approx(0.5 * far, rel=1e-3)
     assert far == pytest.approx(farther, rel=1e-6)

@@ -196,6 +196,8 @@ class Measured(NamedTuple):
     """Time since that ping, (...) [s]."""
     fix_is_new: Array | None = None
     """1 where the fix arrived with this observation, else 0, (...)."""
+    water_velocity: Array | None = None
+    """Velocity of the water in the AUV's body frame, (..., 2) [m/s]: never observed, but a filter may believe in it."""
     others: Mapping[str, Array] = MappingProxyType({})
     """The entries of further groups in SI units, by the group's name, (..., entries)."""
 
