@@ -135,8 +135,8 @@ def test_a_training_is_planned_in_what_is_said(tmp_path: Path) -> None:
 
 def test_changes_go_before_those_of_the_settings(tmp_path: Path) -> None:
     told = [
-        Wish(override=json.dumps(SHORT)),
-        Wish(scenario="Random", override=json.dumps(SHORT)),
+        Wish(override=(json.dumps(SHORT),)),
+        Wish(scenario="Random", override=(json.dumps(SHORT),)),
         Wish(scenario=_file(tmp_path, {"base": "Random", **SHORT})),
     ]
     for plan in map(planned, told):

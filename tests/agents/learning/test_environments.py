@@ -17,7 +17,8 @@ def test_ids_of_others_over_our_fleet_use_it() -> None:
         kwargs={"scenario_name": "Random", "control_period_s": 0.1},
     )
     try:
-        scenario = environments.base_scenario(name)
+        scenario, fleet = environments.base_of(name)
+        assert fleet
         assert scenario is not None
         assert scenario.episode.control_period_s == 0.1
         assert isinstance(environments.make_base(name, 2, scenario, {}), TrackingVecEnv)

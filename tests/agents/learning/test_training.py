@@ -326,7 +326,7 @@ def test_a_folder_of_another_run_is_refused(tmp_path: Path, capsys: pytest.Captu
 @pytest.mark.parametrize("algorithm", ["ppo", "td3"])
 def test_a_wish_is_planned_as_it_is_recorded_and_says_its_command(algorithm: str, tmp_path: Path) -> None:
     wish = Wish(
-        algorithm=algorithm, override=SHORT, steps=64, envs=2, set=tuple(SMALL[algorithm]), seed=3, eval_episodes=2
+        algorithm=algorithm, override=(SHORT,), steps=64, envs=2, set=tuple(SMALL[algorithm]), seed=3, eval_episodes=2
     )
     job = plans.Job(wish, tmp_path / "run")
     assert main(["train", *wish.words(), "--out", str(job.folder)]) == 0
