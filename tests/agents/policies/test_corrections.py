@@ -68,7 +68,7 @@ class ToldAll(gym.vector.VectorWrapper):
         return self.env.reset(**options)
 
     def step(self, actions: Any) -> Any:
-        self.arrived.append(np.round(np.asarray(actions)[:, 0], 6).tolist())
+        self.arrived.append(np.round(np.asarray(actions, dtype=float)[:, 0], 6).tolist())
         return self.env.step(actions)
 
 
@@ -110,8 +110,7 @@ def test_memory_begins_anew_in_every_autoreset_mode(mode: AutoresetMode) -> None
 
 
 def test_memory_begins_anew_in_stable_baselines3s_environments() -> None:
-    told = ToldAll
-    venv = TrackingVecEnv(ID, 2, 1, wrapper=[told], max_episode_steps=STEPS)
+    venv = TrackingVecEnv(ID, 2, 1, wrapper=ToldAll, max_episode_steps=STEPS)
     env = ResidualVecEnv(venv, Counting(), 0.5)
     env.reset()
     for _ in range(2 * STEPS):
