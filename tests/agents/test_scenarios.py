@@ -91,7 +91,7 @@ def test_paths_and_values_are_changes_too(tmp_path: Path) -> None:
     mixed = ["depth_m=3", file, "depth_m *=2", '{"depth_m *=": 0.5}']
     assert changes_of(mixed) == ({"depth_m": 3}, {"depth_m": 2.0}, {"depth_m *=": 2}, {"depth_m *=": 0.5})
     assert said("Random", mixed).scenario.depth_m == 2.0
-    kinds = ["ship={\"kind\": \"circle\"}", "action=surge-yaw", "vehicle.mass_scale=[0.9, 1.1]", "ship.turn=port"]
+    kinds = ['ship={"kind": "circle"}', "action=surge-yaw", "vehicle.mass_scale=[0.9, 1.1]", "ship.turn=port"]
     found = said("Random", kinds).scenario
     assert (found.action, found.vehicle.mass_scale, found.ship.turn) == ("surge-yaw", (0.9, 1.1), "port")  # type: ignore[union-attr]
     assert said("Random", ["start.x_m=50", "episode.lost_distance_m=100"]).scenario.start.x_m == 50.0
@@ -107,8 +107,8 @@ def test_what_settings_train_on_is_scaled_too() -> None:
     assert differences(plan.practice, plan.task)[0] == "sea.pulses[0].start_s: [2.0, 11.0] -> [5.0, 30.0]"
     assert "episode.duration_s: 12.0 -> 60.0" in differences(plan.practice, plan.task)
     less = differences(plan.practice, plan.task.merged({"sea": {"pulses": []}, "ship": {"kind": "straight"}}))
-    assert "sea.pulses[0].frame: \"body\" -> none" in less
-    assert "ship.kind: none -> \"straight\"" in less
+    assert 'sea.pulses[0].frame: "body" -> none' in less
+    assert 'ship.kind: none -> "straight"' in less
 
 
 @pytest.mark.parametrize("given", ["random", "RANDOM", "uwoc/random-v0", "UWOC/Random-V0"])
