@@ -100,15 +100,13 @@ class _Spec:
         for each in changes:
             if each.place is not None or each.rest:
                 part = f"[{each.place}]" if each.place is not None else f".{each.rest}"
-                raise SettingError(f"{where}{part} is not there; {where} is a single setting without parts.")
+                raise SettingError(f"{where}{part} is not there; the path must end at {where}, a single setting.")
             value = self.scaled(value, each.value, where) if each.scales else each.value
         return value
 
     def scaled(self, value: Any, factor: Any, where: str) -> Any:
         """The value times a factor, where it is made of numbers."""
-        raise SettingError(
-            f"{where} = {shown(value)} can't be scaled; only numbers, ranges and samples can. Give what it shall be."
-        )
+        raise SettingError(f"{where} = {shown(value)} can't be scaled; it must be a number, a range or samples.")
 
 
 def _factor(factor: Any, where: str) -> float:
@@ -278,7 +276,7 @@ class _Part:
             self.waiting.append(change.below)
         elif change.scales:
             raise SettingError(
-                f"{where} can't be scaled; it is a {type(self.own).__name__}. Name the number in it: "
+                f"{where} can't be scaled; it is a {type(self.own).__name__}. The path must name a number in it: "
                 f"{', '.join(name for name, _ in self.own.numbers())}."
             )
         elif isinstance(value, Mapping) and self._keeps(scalar(value.get("kind", self.own.kind))):
@@ -303,7 +301,7 @@ class _Part:
 def _replaced(where: str, value: Any) -> SettingError:
     return SettingError(
         f"{where} = {shown(value)} is not allowed after an entry that changes a part of it, which would be lost; "
-        "put the whole first."
+        "it must stand before that: put the whole first."
     )
 
 
@@ -363,7 +361,7 @@ class ChildSpec(_Spec):
                 parts[0].take(self, each, where)
             elif each.rest or each.scales:
                 raise SettingError(
-                    f"{where}{'.' + each.rest if each.rest else ' *='} names none of a list of {len(parts)}; name one "
+                    f"{where}{'.' + each.rest if each.rest else ' *='} names none of a list of {len(parts)}; it must name one "
                     f"by its place, as {where}[0], or all by {where}[*]."
                 )
             else:
@@ -377,13 +375,13 @@ class ChildSpec(_Spec):
     def _chosen(self, place: str, size: int, several: bool, where: str) -> Sequence[int]:
         """Places in the list that are meant; alternatives of which there is one are a list of it."""
         if not several and not self.one_or_many:
-            raise SettingError(f"{where}[{place}] is not there; {where} is no list. Leave out the brackets.")
+            raise SettingError(f"{where}[{place}] is not there; {where} is no list, so that there must be no brackets.")
         places = range(size) if place == "*" else [int(place)]
         if not size:
-            raise SettingError(f"{where}[{place}] is not there; the list is empty.")
+            raise SettingError(f"{where}[{place}] is not there; the list is empty, and must have elements for that.")
         if places[-1] >= size:
             last = f" to [{size - 1}]" if size > 1 else " alone"
-            raise SettingError(f"{where}[{place}] is not there; there is [0]{last}, or [*] for all.")
+            raise SettingError(f"{where}[{place}] is not there; it must be [0]{last}, or [*] for all.")
         return places
 
     def dump(self, value: Any) -> Any:
@@ -561,7 +559,7 @@ class Parameters:
             change = Change.read(key, value) if isinstance(key, str) else None
             if change is None and isinstance(key, str) and not key.isidentifier():
                 raise SettingError(
-                    f"{type(self).__name__} has no setting {shown(key)}; a path is written like "
+                    f"{type(self).__name__} has no setting {shown(key)}; a path must be written like "
                     "'sea.pulses[1].force_x_n', with [*] for all of a list and ' *=' at its end for a factor."
                 )
             self._refuse_unknown([key if change is None else change.name])
