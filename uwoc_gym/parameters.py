@@ -361,8 +361,8 @@ class ChildSpec(_Spec):
                 parts[0].take(self, each, where)
             elif each.rest or each.scales:
                 raise SettingError(
-                    f"{where}{'.' + each.rest if each.rest else ' *='} names none of a list of {len(parts)}; it must name one "
-                    f"by its place, as {where}[0], or all by {where}[*]."
+                    f"{where}{'.' + each.rest if each.rest else ' *='} names none of a list of {len(parts)}; it must "
+                    f"name one by its place, as {where}[0], or all by {where}[*]."
                 )
             else:
                 if any(part.waiting for part in parts):
