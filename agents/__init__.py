@@ -15,11 +15,12 @@ def load(name_or_path: str, scenario: str | Scenario = "Nominal", trust: bool = 
     """A policy to act with: ``predict(observation, state, episode_start, deterministic)`` as in Stable-Baselines3.
 
     Args:
-        name_or_path: The name of a controller or a shipped agent, the folder of a training run, a saved .zip file or
-            "module:callable", which is imported and called.
+        name_or_path: A name that uwoc-gym list shows, the folder of a training run or of a search for gains, a saved
+            .zip file, a .json file of gains, or module:callable, which is imported and called.
         scenario: What is flown, or its name; controllers know of it what their designer would.
-        trust: Whether to load files that hold pickled objects too, and so to run whatever is in them: those that
-            Stable-Baselines3 alone has saved, and agents of version 0.1 of this package.
+        trust: Whether to load files that hold pickled objects or name code too, and so to run whatever is in them:
+            those that Stable-Baselines3 alone has saved, agents of version 0.1 of this package, and those that correct
+            a module:callable.
 
     Returns:
         The policy, for the scenario's observations, one or N of them. Pass its memory on from call to call, and where

@@ -11,18 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.errors import CommandError, naming
+from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.given import LIMITS
 from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.vector_env import TrackingVectorEnv
+from uwoc_gym.wrapping import parameters_of, state_of
 
 Array = npt.NDArray[np.float64]
 
 
-def flown_seeds(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> Sequence[int]:
-    """The seeds that differ: the first alone where neither the scenario nor the policy has anything random."""
-    return seeds[:1] if policy.deterministic and not scenario.draws else seeds
+def flown_seeds(policy: Policy, scenario: Scenario, seeds: Sequence[int], wrapping: Wrapping = PLAIN) -> Sequence[int]:
+    """The seeds that differ: the first alone where neither scenario nor policy nor a wrapper has anything random."""
+    return seeds[:1] if policy.deterministic and not scenario.draws and not wrapping else seeds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +77,10 @@ def check_size(scenario: Scenario, episodes: int) -> None:
         )
 
 
-def check_flights(policies: Sequence[Policy], scenarios: Mapping[str, Scenario], episodes: int) -> None:
-    """Refuse, before anything is flown, policies that can't fly the scenarios, and flights that are too long.
+def check_flights(
+    policies: Sequence[Policy], scenarios: Mapping[str, Scenario], episodes: int, wrapping: Wrapping = PLAIN
+) -> None:
+    """Refuse, before anything is flown, policies and wrappers that can't fly the scenarios, and flights too long.
 
     Raises:
         CommandError: There is one.
@@ -85,6 +88,7 @@ def check_flights(policies: Sequence[Policy], scenarios: Mapping[str, Scenario],
     for name, scenario in scenarios.items():
         with naming(f"--scenario {name}"):
             check_size(scenario, episodes)
+        wrapping.check(scenario)
         for policy in policies:
             with naming(f"policy {policy.name!r} can't fly {name}"):
                 policy.pilot(scenario)
@@ -99,8 +103,11 @@ def fly(
     seeds: Sequence[int],
     parameters: Mapping[str, npt.ArrayLike] | None = None,
     extra: Sequence[str] = (),
+    wrapping: Wrapping = PLAIN,
 ) -> Flight:
     """Fly one episode per seed, all together, on observations alone.
+
+    The policy sees what wrappers show it, and is paid what they pay; all else is measured on the true states.
 
     Args:
         policy: What decides.
@@ -108,6 +115,7 @@ def fly(
         seeds: Seeds of the N episodes.
         parameters: Numbers to take instead of drawing them, as in `TrackingVectorEnv.reset`.
         extra: Names of entries of `TrackingVectorEnv.state` to record besides what the measures need.
+        wrapping: What stands around the environments; ``parameters`` go to fleets alone.
 
     Raises:
         ValueError: One of ``parameters`` isn't allowed.
@@ -118,15 +126,17 @@ def fly(
     check_size(scenario, size)
     predictor = policy.pilot(scenario)
     # After its end a simulation begins anew, which is ignored: the others still need their steps.
-    env = TrackingVectorEnv(size, scenario)
-    observations, _ = env.reset(seed=list(seeds), options={"parameters": parameters})
-    state = env.state()
+    env = wrapping.fleet(scenario, size)
+    with wrapping.blamed():
+        observations, _ = env.reset(seed=list(seeds), options={"parameters": parameters})  # type: ignore[arg-type]
+    state = state_of(env)
+    width = math.prod(env.single_action_space.shape or ())
     tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in (*_RECORDED, *extra)}
     first = {name: np.zeros(steps + 1) for name in ("range_m", "pointing_error_rad")}
     force, reward = np.zeros((steps, size, 3)), np.zeros((steps, size))
     valid = np.zeros((steps + 1, size), dtype=bool)
     alive, lost, begun = np.ones(size, dtype=bool), np.zeros(size, dtype=bool), np.ones(size, dtype=bool)
-    disturbance = _disturbances(env.parameters(), size)
+    disturbance = _disturbances(parameters_of(env), size)
     slant, depth = float(state["slant_height_m"][0]), float(state["depth_m"][0])
     rewards, terminated, truncated = np.zeros(size), np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
     memory: Any = None
@@ -143,12 +153,15 @@ def fly(
             alive = alive & ~(terminated | truncated)
         if step == steps or not alive.any():
             break
-        actions, memory = decide(policy, predictor, observations, memory, begun, len(scenario.actions))
+        actions, memory = decide(policy, predictor, observations, memory, begun, width)
         actions = np.where(alive[:, None], actions, np.float32(0.0))
-        observations, rewards, terminated, truncated, infos = env.step(actions)
+        with wrapping.blamed():
+            observations, rewards, terminated, truncated, infos = env.step(actions)
         check_followed(infos, alive, policy.name, scenario, seeds)
         begun = terminated | truncated
-        state = env.state()
+        state = state_of(env)
+        if wrapping:
+            _check_clock(state["time_s"][alive & ~begun], (step + 1) * scenario.episode.control_period_s, wrapping)
     env.close()
     record = EpisodeRecord(
         time_s=np.arange(steps + 1, dtype=np.float64) * scenario.episode.control_period_s,
@@ -179,6 +192,15 @@ def fly(
         series=series,
         extra={name: tracks[name] for name in extra},
     )
+
+
+def _check_clock(times: Array, wanted: float, wrapping: Wrapping) -> None:
+    """Refuse steps that aren't one control period each, by which all measures count."""
+    if not np.allclose(times, wanted, rtol=1e-9, atol=1e-9):
+        raise CommandError(
+            f"--wrapper {' '.join(wrapping.words)} is not allowed: a step of it takes the AUV to {times.max():g} s "
+            f"instead of {wanted:g} s; it must be one control period, which episode.control_period_s sets."
+        )
 
 
 def check_followed(

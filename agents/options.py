@@ -7,9 +7,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.policies.registry import MAY_BE, load
 from uwoc_gym.agents.scenarios import said
 from uwoc_gym.agents.viewing.episode import Episode
+from uwoc_gym.agents.wrapping import MAY_BE as WRAPPER_MAY_BE
+from uwoc_gym.agents.wrapping import Wrapping, wrapping
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.given import LIMITS, Limit, shown
 from uwoc_gym.scenario import Scenario
@@ -101,9 +103,34 @@ def add_scenario_arguments(
     )
     parser.add_argument(
         "--override",
-        metavar="JSON",
-        help='changes to the scenario: a .json file or the text itself, such as \'{"episode": {"duration_s": 30}}\'',
+        nargs="+",
+        action="extend",
+        metavar="CHANGE",
+        help="changes to the scenario, each a path and a value, such as episode.duration_s=30 or, to scale, "
+        "'sea.pulses[*].force_x_n*=0.1' (quoted, for the shell), or a .json file, or JSON itself, such as "
+        '\'{"episode": {"duration_s": 30}}\'',
     )
+
+
+def add_wrapper_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that puts wrappers around the environments."""
+    parser.add_argument(
+        "--wrapper",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="WRAPPER",
+        help=f"what goes around the environments, the first innermost: {WRAPPER_MAY_BE}",
+    )
+
+
+def wrapping_of(args: argparse.Namespace) -> Wrapping:
+    """The wrappers that ``--wrapper`` names.
+
+    Raises:
+        CommandError: One can't be imported, or they stand in an order that isn't allowed.
+    """
+    return wrapping(args.wrapper)
 
 
 def scenario_of(args: argparse.Namespace) -> tuple[str, Scenario]:
@@ -124,7 +151,7 @@ def scenarios_of(args: argparse.Namespace) -> dict[str, Scenario]:
     """
     scenarios: dict[str, Scenario] = {}
     for given in args.scenario:
-        name, _, _, scenario = said(given, args.override)
+        name, _, _, scenario = said(given, args.override, among=len(args.scenario) > 1)
         if scenarios.get(name, scenario) != scenario:
             raise CommandError(f"--scenario: two different scenarios are called {name!r}; rename one of the files.")
         scenarios[name] = scenario
@@ -136,8 +163,9 @@ def add_trust_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trust",
         action="store_true",
-        help="load .zip files that hold pickled objects too, which runs the code in them: those that Stable-Baselines3 "
-        "alone has saved, and agents of version 0.1; without it nothing in a file is run",
+        help="load .zip files that hold pickled objects or name code too, which runs it: those that Stable-Baselines3 "
+        "alone has saved, agents of version 0.1, and those that correct a module:callable; without it nothing in a "
+        "file is run",
     )
 
 
@@ -158,10 +186,11 @@ def add_episode_arguments(parser: argparse.ArgumentParser, policies: list[str]) 
         nargs="+",
         default=policies,
         metavar="POLICY",
-        help="names, saved .zip files or module:callable (default: " + " ".join(policies) + ")",
+        help=f"each {MAY_BE} (default: {' '.join(policies)})",
     )
     add_trust_argument(parser)
     add_scenario_arguments(parser, "StrongPulse")
+    add_wrapper_argument(parser)
     parser.add_argument("--seed", type=whole("seed"), default=0, metavar="S", help="the episode's seed (default: 0)")
 
 
@@ -184,4 +213,4 @@ def episode_of(args: argparse.Namespace) -> Episode:
         CommandError: There is no such policy or scenario.
     """
     name, scenario = scenario_of(args)
-    return Episode(policies_of(args), name, scenario, args.seed)
+    return Episode(policies_of(args), name, scenario, args.seed, wrapping_of(args))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,14 +35,17 @@ class Said(NamedTuple):
     """With the changes."""
 
 
-def said(scenario: str, override: str | None = None, option: str = "--scenario") -> Said:
+def said(
+    scenario: str, override: str | Sequence[str] | None = None, option: str = "--scenario", among: bool = False
+) -> Said:
     """The scenario that options name.
 
     Args:
         scenario: A name, an environment ID or the path of a .json file: with every setting, or with "base", the name
             of the scenario that the rest of it changes.
-        override: Further changes: a JSON object or the path of a .json file with one.
+        override: Further changes, as `changes_of` takes them.
         option: What said the scenario, which errors about it begin with.
+        among: Whether there are several, so that errors about changes say in which.
 
     Raises:
         CommandError: There is no such scenario, a file leaves out settings without a base, or a change isn't allowed.
@@ -49,15 +54,93 @@ def said(scenario: str, override: str | None = None, option: str = "--scenario")
         found = _read(scenario)
     if override is None:
         return found
+    changes = changes_of(override)
+    with naming(f"--override: in {found.name}" if among else "--override"):
+        changed = merged(found.scenario, changes)
+    return found._replace(changes=(*found.changes, *changes), scenario=changed)
+
+
+def merged(scenario: Scenario, changes: Iterable[Mapping[str, Any]]) -> Scenario:
+    """The scenario with changes merged in, one mapping after the other.
+
+    Raises:
+        SettingError: A change isn't allowed.
+    """
+    for each in changes:
+        scenario = scenario.merged(each)
+    return scenario
+
+
+def changes_of(override: str | Sequence[str] | None) -> tuple[dict[str, Any], ...]:
+    """What ``--override`` says, in the order in which it holds.
+
+    Args:
+        override: Words, each of which is a JSON object, the path of a .json file with one, or a path and a value, as
+            ``sea.pulses[1].force_x_n=500`` or, to scale it, ``sea.pulses[*].force_x_n*=0.1``. A value that isn't JSON
+            is a text. Paths and values that follow each other hold together.
+
+    Raises:
+        CommandError: A word is none of them, a file can't be read, or a path is given twice in a row.
+    """
+    words = [override] if isinstance(override, str) else override or ()
+    found: list[dict[str, Any]] = []
+    together: dict[str, Any] | None = None
     with naming("--override"):
-        changes = json_object(override)
-        changed = found.scenario.merged(changes)
-    return found._replace(changes=(*found.changes, *([changes] if changes else [])), scenario=changed)
+        for word in words:
+            if _is_assignment(word):
+                key, value = _assignment(word)
+                if together is None:
+                    together = {}
+                    found.append(together)
+                if key in together:
+                    raise CommandError(f"{shown(key)} is given twice; leave one out.")
+                together[key] = value
+            else:
+                found.append(json_object(word))
+                together = None
+    return tuple(each for each in found if each)
+
+
+def _is_assignment(word: str) -> bool:
+    return "=" in word and word.lstrip()[:1] not in ("{", "[") and not os.path.isfile(word)
+
+
+def _assignment(word: str) -> tuple[str, Any]:
+    path, scales, text = re.fullmatch(r"(.*?)\s*(\*?)=(.*)", word, re.DOTALL).groups()  # type: ignore[union-attr]
+    try:
+        value = from_json(text)
+    except SettingError:
+        value = text.strip()
+    return f"{path.strip()} *=" if scales else path.strip(), value
+
+
+def differences(own: Scenario, other: Scenario) -> list[str]:
+    """Where two scenarios differ: a line for each path, with the value of the first and that of the second."""
+    left, right = (dict(_leaves(each.to_dict())) for each in (own, other))
+    paths = [path for path in dict.fromkeys([*left, *right]) if left.get(path, _NONE) != right.get(path, _NONE)]
+    return [f"{path}: {left.get(path, _NONE)} -> {right.get(path, _NONE)}" for path in paths]
+
+
+_NONE = "none"
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Each setting in plain data by its path, and its value in JSON."""
+    if isinstance(value, Mapping):
+        for name, each in value.items():
+            yield from _leaves(each, f"{path}.{name}" if path else name)
+    elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+        for i, each in enumerate(value):
+            yield from _leaves(each, f"{path}[{i}]")
+    else:
+        yield path, shown(value) if isinstance(value, list) and len(value) > 2 else json.dumps(value)
 
 
 def named(name: str) -> Said | None:
-    """The scenario of that name or environment ID; None if there is none."""
+    """The scenario of that name or environment ID, in whatever case; None if there is none."""
+    known = {each.lower(): short for each, short in [*((each, each) for each in SCENARIOS), *ENV_IDS.items()]}
     short = ENV_IDS.get(name, name)
+    short = short if short in SCENARIOS else known.get(name.lower(), short)
     return Said(short, short, (), SCENARIOS[short]) if short in SCENARIOS else None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -18,6 +19,21 @@ def test_the_planner_prints_what_its_page_says():
     (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     printed = subprocess.check_output([sys.executable, "-c", code], text=True, timeout=300).strip()
     assert printed in re.findall(r"It prints `(.*?)`", text)
+
+
+def test_what_is_wrapped_flies_as_its_page_says(tmp_path: Path) -> None:
+    text = (DOCS / "wrap.md").read_text(encoding="utf-8")
+    flown, blurred = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    printed = subprocess.check_output([sys.executable, "-c", flown], text=True, timeout=300).split()
+    (said,) = re.findall(r"It prints `(.*?)`", text)
+    assert printed == said.split()
+    (tmp_path / "mine.py").write_text(blurred, encoding="utf-8")
+    (word,) = re.findall(r"`--wrapper (mine:\S+)`", text)
+    command = [sys.executable, "-m", "uwoc_gym.agents.cli", "evaluate", "pd", "--seeds", "2", "--out", "out"]
+    scenario = ["--scenario", "Random", "--override", "episode.duration_s=2", "--wrapper", word]
+    subprocess.check_output([*command, *scenario], cwd=tmp_path, text=True, timeout=300)
+    results = json.loads((tmp_path / "out/results.json").read_text(encoding="utf-8"))
+    assert results["settings"]["wrappers"] == [{"name": "mine:blurred", "options": {"std": 0.1}}]
 
 
 def _changed(text: str, change: str) -> str:

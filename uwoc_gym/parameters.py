@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
@@ -39,6 +40,37 @@ Number = float | tuple[float, float]
 """A number, or a pair (low, high) that becomes a `Range`."""
 
 
+_PATH = re.compile(r"(\w+)(?:\[([0-9]{1,9}|\*)\])?(?:\.(\S.*?))?(\s*\*=)?")
+
+
+class Change(NamedTuple):
+    """One entry of overrides, as a component reads it whose setting it changes or leads to."""
+
+    name: str
+    """The setting."""
+    place: str | None
+    """Which of a list: digits, or "*" for all of them; None where no brackets stand."""
+    rest: str
+    """The path on, below the setting; "" where the setting itself is meant."""
+    scales: bool
+    """Whether the value is a factor."""
+    value: Any
+
+    @classmethod
+    def read(cls, key: str, value: Any) -> Change | None:
+        """The entry with that key; None where it isn't written as a path is."""
+        found = _PATH.fullmatch(key)
+        if found is None:
+            return None
+        name, place, rest, scales = found.groups()
+        return cls(name, place, rest or "", scales is not None, value)
+
+    @property
+    def below(self) -> tuple[str, Any]:
+        """The same entry as the component below reads it."""
+        return f"{self.rest} *=" if self.scales else self.rest, self.value
+
+
 @dataclasses.dataclass(frozen=True)
 class _Spec:
     """How the value of one field is parsed, described and written."""
@@ -61,6 +93,27 @@ class _Spec:
 
     def dump(self, value: Any) -> Any:
         return value
+
+    def changed(self, old: Any, changes: Sequence[Change], where: str) -> Any:
+        """The value after the changes, one after the other, still to be parsed."""
+        value = old
+        for each in changes:
+            if each.place is not None or each.rest:
+                part = f"[{each.place}]" if each.place is not None else f".{each.rest}"
+                raise SettingError(f"{where}{part} is not there; the path must end at {where}, a single setting.")
+            value = self.scaled(value, each.value, where) if each.scales else each.value
+        return value
+
+    def scaled(self, value: Any, factor: Any, where: str) -> Any:
+        """The value times a factor, where it is made of numbers."""
+        raise SettingError(f"{where} = {shown(value)} can't be scaled; it must be a number, a range or samples.")
+
+
+def _factor(factor: Any, where: str) -> float:
+    number = as_number(factor)
+    if number is None or not math.isfinite(number):
+        raise SettingError(f"{where} *= {shown(factor)} is not allowed; it must be a finite number.")
+    return number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,6 +156,13 @@ class NumberSpec(_Spec):
 
     def dump(self, value: Any) -> Any:
         return list(value) if isinstance(value, Range) else value
+
+    def scaled(self, value: Any, factor: Any, where: str) -> Any:
+        number, known = _factor(factor, where), self.parse(value, where)
+        if isinstance(known, Range):
+            # A factor below 0 turns the ends round.
+            return sorted(end * number for end in known)
+        return super().scaled(value, factor, where) if known is None else known * number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,6 +258,52 @@ class SamplesSpec(_Spec):
     def dump(self, value: Any) -> Any:
         return None if value is None else list(value)
 
+    def scaled(self, value: Any, factor: Any, where: str) -> Any:
+        number, known = _factor(factor, where), self.parse(value, where)
+        return super().scaled(value, factor, where) if known is None else [each * number for each in known]
+
+
+class _Part:
+    """A component on its way through the changes to it."""
+
+    def __init__(self, own: Parameters) -> None:
+        self.own = own
+        self.waiting: list[tuple[Any, Any]] = []
+
+    def take(self, spec: ChildSpec, change: Change, where: str) -> None:
+        value = change.value
+        if change.rest:
+            self.waiting.append(change.below)
+        elif change.scales:
+            raise SettingError(
+                f"{where} can't be scaled; it is a {type(self.own).__name__}. The path must name a number in it: "
+                f"{', '.join(name for name, _ in self.own.numbers())}."
+            )
+        elif isinstance(value, Mapping) and self._keeps(scalar(value.get("kind", self.own.kind))):
+            self.waiting += [(key, each) for key, each in value.items() if key != "kind"]
+        else:
+            if self.waiting:
+                raise _replaced(where, value)
+            self.own = spec.parse_one(value, where)
+
+    def has(self, path: str) -> bool:
+        """Whether it has the setting that a path begins with."""
+        change = Change.read(path, None)
+        return change is not None and change.name in self.own.specs()
+
+    def _keeps(self, kind: Any) -> bool:
+        return isinstance(kind, str) and kind == self.own.kind
+
+    def done(self) -> Parameters:
+        return self.own.changed(self.waiting) if self.waiting else self.own
+
+
+def _replaced(where: str, value: Any) -> SettingError:
+    return SettingError(
+        f"{where} = {shown(value)} is not allowed after an entry that changes a part of it, which would be lost; "
+        "it must stand before that: put the whole first."
+    )
+
 
 @dataclasses.dataclass(frozen=True)
 class ChildSpec(_Spec):
@@ -216,13 +322,13 @@ class ChildSpec(_Spec):
                 )
             if self.one_or_many and not value:
                 raise SettingError(f"{where} = [] is not allowed; it needs at least one of {self._names()}.")
-            return tuple(self._parse_one(item, f"{where}[{i}]") for i, item in enumerate(value))
-        return self._parse_one(value, where)
+            return tuple(self.parse_one(item, f"{where}[{i}]") for i, item in enumerate(value))
+        return self.parse_one(value, where)
 
     def _names(self) -> str:
         return ", ".join(each.__name__ for each in self.types)
 
-    def _parse_one(self, value: Any, where: str) -> Parameters:
+    def parse_one(self, value: Any, where: str) -> Parameters:
         if isinstance(value, self.types):
             return value
         if not isinstance(value, Mapping):
@@ -240,13 +346,43 @@ class ChildSpec(_Spec):
             raise SettingError(f"{where}.kind = {shown(kind)} is not allowed; {closest(kind, kinds)}")
         return kinds[kind]
 
-    def merge(self, old: Any, value: Any, where: str) -> Any:
-        """The old child with a mapping of overrides, or a whole new one where the kind changes."""
-        if isinstance(old, Parameters) and isinstance(value, Mapping):
-            kind = scalar(value.get("kind", old.kind))
-            if isinstance(kind, str) and kind == old.kind:
-                return old.merged({k: v for k, v in value.items() if k != "kind"})
-        return self.parse(value, where)
+    def changed(self, old: Any, changes: Sequence[Change], where: str) -> Any:
+        """The old child, or each of several, with mappings and paths merged in; a whole new one where one is given."""
+        several = isinstance(old, tuple)
+        parts = [_Part(each) for each in (old if several else (old,))]
+        for each in changes:
+            if each.place is not None:
+                chosen = self._chosen(each.place, len(parts), several, where)
+                # Alternatives of other kinds may lack a setting.
+                having = [i for i in chosen if parts[i].has(each.rest)] if each.place == "*" else []
+                for i in having or chosen:
+                    parts[i].take(self, each, f"{where}[{i}]")
+            elif not several and (each.rest or each.scales or not isinstance(each.value, (list, tuple))):
+                parts[0].take(self, each, where)
+            elif each.rest or each.scales:
+                raise SettingError(
+                    f"{where}{'.' + each.rest if each.rest else ' *='} names none of a list of {len(parts)}; it must "
+                    f"name one by its place, as {where}[0], or all by {where}[*]."
+                )
+            else:
+                if any(part.waiting for part in parts):
+                    raise _replaced(where, each.value)
+                found = self.parse(each.value, where)
+                several = isinstance(found, tuple)
+                parts = [_Part(own) for own in (found if several else (found,))]
+        return tuple(part.done() for part in parts) if several else parts[0].done()
+
+    def _chosen(self, place: str, size: int, several: bool, where: str) -> Sequence[int]:
+        """Places in the list that are meant; alternatives of which there is one are a list of it."""
+        if not several and not self.one_or_many:
+            raise SettingError(f"{where}[{place}] is not there; {where} is no list, so that there must be no brackets.")
+        places = range(size) if place == "*" else [int(place)]
+        if not size:
+            raise SettingError(f"{where}[{place}] is not there; the list is empty, and must have elements for that.")
+        if places[-1] >= size:
+            last = f" to [{size - 1}]" if size > 1 else " alone"
+            raise SettingError(f"{where}[{place}] is not there; it must be [0]{last}, or [*] for all.")
+        return places
 
     def dump(self, value: Any) -> Any:
         if isinstance(value, tuple):
@@ -397,21 +533,46 @@ class Parameters:
     def merged(self, overrides: Mapping[str, Any]) -> Self:
         """A copy with the overrides merged in, level by level.
 
+        A key is a setting's name or a path, as in `to_dict` and `parameters()`: ``"sea.pulses[1].force_x_n": 500.0``
+        changes one number and leaves the others of that pulse, ``"ship[*].speed_mps": 1.0`` that of every ship that has
+        one. With ``" *="`` at a key's end the value is a factor: ``"sea.pulses[*].force_x_n *=": 0.1`` scales numbers,
+        samples, and both ends of ranges. Entries hold one after the other, so that a factor multiplies what an entry
+        before it has set; what follows from all of them together is checked once, at the end.
+
+        A list that is given is the whole new list: in ``{"sea": {"pulses": [{"force_x_n": 500.0}]}}`` what the mapping
+        leaves out has its class's default, whatever stood there before.
+
         Raises:
-            SettingError: A key is unknown (the nearest valid name is given) or a value isn't allowed.
+            SettingError: A key is unknown (the nearest valid name is given), a path leads nowhere, a value isn't
+                allowed, or a whole is given after a change to a part of it.
         """
         if not isinstance(overrides, Mapping):
             raise SettingError(
                 f"{type(self).__name__} = {shown(overrides)} is not allowed; changes to it must be a mapping."
             )
-        self._refuse_unknown(overrides)
-        changes: dict[str, Any] = {}
-        for name, value in overrides.items():
-            spec = self.specs()[name]
-            old = getattr(self, name)
-            where = f"{type(self).__name__}.{name}"
-            changes[name] = spec.merge(old, value, where) if isinstance(spec, ChildSpec) else value
-        return dataclasses.replace(self, **changes)
+        return self.changed(overrides.items())
+
+    def changed(self, entries: Iterable[tuple[Any, Any]]) -> Self:
+        """`merged` for entries of which several may have the same key."""
+        by_name: dict[str, list[Change]] = {}
+        for key, value in entries:
+            change = Change.read(key, value) if isinstance(key, str) else None
+            if change is None and isinstance(key, str) and not key.isidentifier():
+                raise SettingError(
+                    f"{type(self).__name__} has no setting {shown(key)}; a path must be written like "
+                    "'sea.pulses[1].force_x_n', with [*] for all of a list and ' *=' at its end for a factor."
+                )
+            self._refuse_unknown([key if change is None else change.name])
+            assert change is not None
+            by_name.setdefault(change.name, []).append(change)
+        specs = self.specs()
+        return dataclasses.replace(
+            self,
+            **{
+                name: specs[name].changed(getattr(self, name), changes, f"{type(self).__name__}.{name}")
+                for name, changes in by_name.items()
+            },
+        )
 
     def numbers(self) -> Iterator[tuple[str, Number]]:
         """Name and value of each number of this class that an episode may draw."""

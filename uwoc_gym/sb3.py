@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from stable_baselines3.common.env_util import is_wrapped
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
+from uwoc_gym.env import TrackingEnv
 from uwoc_gym.given import is_sequence, shown, values_of
 from uwoc_gym.scenario import as_scenario
 from uwoc_gym.spaces import ScenarioLike, check_options, check_seed
 from uwoc_gym.vector_env import TrackingVectorEnv
+from uwoc_gym.wrapping import Wrapper, singles_of, split, vector_env
 
 
 class TrackingVecEnv(VecEnv):
@@ -29,10 +34,20 @@ class TrackingVecEnv(VecEnv):
         scenario: Overrides, a whole `Scenario`, or its name.
         info_keys: Entries of `info` that every step's info dicts carry; none by default, since N dicts a step cost
             more than the physics. Infos at an episode's end are always complete.
+        wrapper: What goes around the environments, or several of such, the first innermost: a `gymnasium.Wrapper` or
+            any callable goes around each single environment, which are then stepped one by one; a
+            `gymnasium.vector.VectorWrapper`, or a callable that says ``vector = True``, goes around the whole fleet. A
+            vector wrapper that remembers anything must heed ``reset(options={"reset_mask": mask})``.
         env_kwargs: Further arguments of `TrackingVectorEnv`.
 
+    Attributes:
+        vector_env: The environments in their wrappers.
+        scenario: What they fly.
+
     Raises:
-        ValueError: The ID has no `TrackingVectorEnv`, or an entry of ``info_keys`` is unknown.
+        ValueError: The ID has no `TrackingVectorEnv`, an entry of ``info_keys`` is unknown, or the wrappers' order
+            isn't allowed.
+        TypeError: A wrapper returned something else than what it was given, wrapped.
     """
 
     def __init__(
@@ -42,35 +57,38 @@ class TrackingVecEnv(VecEnv):
         seed: int | None = None,
         scenario: ScenarioLike | None = None,
         info_keys: Sequence[str] = (),
+        wrapper: Wrapper | Sequence[Wrapper] = (),
         **env_kwargs: Any,
     ) -> None:
         if scenario is not None:
             env_kwargs["scenario"] = scenario
-        refusal = f"env_id = {env_id!r} is not allowed; it must be an ID whose vector env is TrackingVectorEnv."
-        try:
-            made = gym.make_vec(
-                env_id,
-                num_envs=n_envs,
-                vectorization_mode="vector_entry_point",
-                autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
-                **env_kwargs,
-            )
-        except (TypeError, gym.error.Error) as error:
-            raise ValueError(f"{refusal} ({error})") from error
-        if not isinstance(made.unwrapped, TrackingVectorEnv):
-            raise ValueError(refusal)
-        self.vector_env = made.unwrapped
-        known = self.vector_env.info_names
+        wrappers = [wrapper] if callable(wrapper) else list(wrapper)
+        vectors = split(wrappers)[1]
+        # Gymnasium's vector wrappers don't go around environments that begin anew within a step.
+        self._begins_anew = AutoresetMode.DISABLED if vectors else AutoresetMode.SAME_STEP
+        made = _made(env_id, n_envs, self._begins_anew, env_kwargs)
+        self.scenario = made.scenario
+        steps = env_kwargs.get("max_episode_steps")
+
+        def single() -> gym.Env[Any, Any]:
+            env = TrackingEnv(scenario=made.scenario, render_mode=made.render_mode, render_size=made.render_size)
+            return env if steps is None else gym.wrappers.TimeLimit(env, steps)
+
+        self.vector_env: VectorEnv[Any, Any, Any] = vector_env(
+            lambda: made, single, made.num_envs, wrappers, self._begins_anew
+        )
+        self._singles = singles_of(self.vector_env)
         if not is_sequence(info_keys):
             raise ValueError(f"info_keys = {shown(info_keys)} is not allowed; it must be a list of names.")
         for key in values_of(info_keys):
-            if key not in known:
-                raise ValueError(f"info_keys has {shown(key)}, which is not known; allowed are {', '.join(known)}.")
+            if key not in made.info_names:
+                known = ", ".join(made.info_names)
+                raise ValueError(f"info_keys has {shown(key)}, which is not known; allowed are {known}.")
         self._info_keys = tuple(values_of(info_keys))
         self._actions: Any = None
         own = self.vector_env
         super().__init__(own.num_envs, own.single_observation_space, own.single_action_space)
-        self.render_mode = self.vector_env.render_mode
+        self.render_mode = made.render_mode
         if seed is not None:
             self.seed(seed)
 
@@ -100,11 +118,21 @@ class TrackingVecEnv(VecEnv):
         each: list[Any] = list(given) if is_sequence(given) else [given] * self.num_envs
         if len(each) != self.num_envs:
             raise ValueError(f"options = {shown(given)} is not allowed; it must be a dict or {self.num_envs} of them.")
-        self.vector_env.check_reset(options=self._together(each))
+        if self._singles is not None:
+            if any(other is not each[0] for other in each):
+                raise ValueError(
+                    f"options = {shown(given)} is not allowed; environments in wrappers of single ones are reset with "
+                    "the same options, so that it must be one dict."
+                )
+            self._singles[0].get_wrapper_attr("check_reset")(options=each[0])
+        else:
+            self._attribute("check_reset")(options=self._together(each))
         self._options = deepcopy(each)
 
     def _together(self, each: list[Any]) -> dict[str, Any]:
         """The options of all environments as those of one vector environment."""
+        if self._singles is not None:
+            return dict(each[0])
         first = check_options(each[0], ("pose", "velocity", "parameters", "scenario"))
         if all(other is each[0] for other in each):
             return dict(first)
@@ -120,7 +148,7 @@ class TrackingVecEnv(VecEnv):
             if all(value is None for value in values):
                 continue
             if key == "scenario":
-                base = self.vector_env.scenario
+                base = self.scenario
                 if any(as_scenario(value, base) != as_scenario(values[0], base) for value in values):
                     raise ValueError(
                         f"options[...]['scenario'] = {shown(values)} is not allowed; it must be the same for all "
@@ -142,11 +170,11 @@ class TrackingVecEnv(VecEnv):
     def reset(self) -> VecEnvObs:
         """Begin an episode in every environment; returns observations of shape (N, size)."""
         seeds: list[int | None] | None = list(self._seeds) if any(s is not None for s in self._seeds) else None
-        observations, infos = self.vector_env.reset(seed=seeds, options=self._together(self._options))
+        observations, infos = self.vector_env.reset(seed=seeds, options=self._together(self._options))  # type: ignore[arg-type]
         self.reset_infos = [_lane(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
-        return observations
+        return observations  # type: ignore[no-any-return]
 
     def step_async(self, actions: Any) -> None:
         """Take actions of shape (N, actions)."""
@@ -154,6 +182,7 @@ class TrackingVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Advance all environments by one control period."""
+        observations: Any
         observations, rewards, terminated, truncated, infos = self.vector_env.step(self._actions)
         done = terminated | truncated
         if self._info_keys:
@@ -163,12 +192,19 @@ class TrackingVecEnv(VecEnv):
             ]
         else:
             dicts = [{} for _ in range(self.num_envs)]
-        for i in np.flatnonzero(done).tolist():
-            # The last step's own values: `infos` already speaks of the new episode.
-            self.reset_infos[i] = _lane(infos, i)
-            dicts[i] = _lane(infos["final_info"], i)
-            dicts[i]["terminal_observation"] = infos["final_obs"][i]
-            dicts[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+        if done.any():
+            last: Any = observations
+            final = infos
+            if self._begins_anew is AutoresetMode.DISABLED:
+                observations, infos = self.vector_env.reset(options={"reset_mask": done.copy()})
+            else:
+                # The step's own values: `infos` already speaks of the new episode.
+                last, final = infos["final_obs"], infos["final_info"]
+            for i in np.flatnonzero(done).tolist():
+                self.reset_infos[i] = _lane(infos, i)
+                dicts[i] = _lane(final, i)
+                dicts[i]["terminal_observation"] = np.array(last[i])
+                dicts[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
         return observations, rewards.astype(np.float32), done, dicts
 
     def get_images(self) -> Sequence[Any]:
@@ -180,44 +216,106 @@ class TrackingVecEnv(VecEnv):
         self.vector_env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """The attribute of the vector environment, once for each of ``indices``."""
-        value = getattr(self.vector_env, attr_name)
-        return [value for _ in self._get_indices(indices)]
+        """The attribute of the environments: each one's, or where they share a fleet, the fleet's once for each."""
+        chosen = self._get_indices(indices)
+        if self._singles is not None:
+            return [self._singles[i].get_wrapper_attr(attr_name) for i in chosen]
+        value = self._attribute(attr_name)
+        return [value for _ in chosen]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the vector environment, which all environments share.
+        """Set an attribute of the environments: each one's, or where they share a fleet, the fleet's.
 
         Raises:
-            ValueError: ``indices`` names only some environments.
+            ValueError: ``indices`` names only some of a fleet.
         """
+        if self._singles is not None:
+            for i in self._get_indices(indices):
+                self._singles[i].set_wrapper_attr(attr_name, value)
+            return
         self._require_all(indices, "set_attr")
-        setattr(self.vector_env, attr_name, value)
+        owner = next((each for each in self._layers() if hasattr(each, attr_name)), self.vector_env.unwrapped)
+        setattr(owner, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the vector environment, such as "state"; each of ``indices`` gets its part of the result."""
-        result = getattr(self.vector_env, method_name)(*method_args, **method_kwargs)
+        """Call a method of the environments, such as "state" or "push"; each of ``indices`` gets its part.
+
+        Of a fleet the method is called once: one that can act on some environments alone, as "push" can, is told which.
+        """
         chosen = list(self._get_indices(indices))
-        if isinstance(result, dict):
-            return [{key: values[i] for key, values in result.items()} for i in chosen]
-        return [result for _ in chosen]
+        if self._singles is not None:
+            own = [self._singles[i].get_wrapper_attr(method_name) for i in chosen]
+            return [each(*method_args, **method_kwargs) for each in own]
+        method = self._attribute(method_name)
+        takes = inspect.signature(method).parameters
+        # One that takes nothing else only reads, and gives the parts of all.
+        if indices is not None and "lanes" in takes and len(takes) > 1:
+            method_kwargs["lanes"] = np.array(chosen)
+        result = method(*method_args, **method_kwargs)
+        return [_part(result, i, self.num_envs) for i in chosen]
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """No environment is wrapped: wrappers go around this class."""
-        return [False for _ in self._get_indices(indices)]
+        """Whether single environments are in such a wrapper; wrappers go around a fleet as a whole."""
+        chosen = self._get_indices(indices)
+        singles = self._singles
+        return [singles is not None and is_wrapped(singles[i], wrapper_class) for i in chosen]
+
+    def _layers(self) -> Iterator[Any]:
+        """The fleet's wrappers from the outside in, and the fleet."""
+        env: Any = self.vector_env
+        while env is not env.unwrapped:
+            yield env
+            env = env.env
+        yield env
+
+    def _attribute(self, name: str) -> Any:
+        for each in self._layers():
+            if hasattr(each, name):
+                return getattr(each, name)
+        raise AttributeError(f"{type(self.vector_env.unwrapped).__name__} has no attribute {name!r}")
 
     def _require_all(self, indices: VecEnvIndices, method: str) -> None:
         if sorted(self._get_indices(indices)) != list(range(self.num_envs)):
             raise ValueError(f"{method} acts on all environments, which share one fleet; leave out indices.")
 
 
+def _made(env_id: str, n_envs: int, mode: AutoresetMode, env_kwargs: Mapping[str, Any]) -> TrackingVectorEnv:
+    """The fleet of an ID.
+
+    Raises:
+        ValueError: It has none.
+    """
+    refusal = f"env_id = {env_id!r} is not allowed; it must be an ID whose vector env is TrackingVectorEnv."
+    try:
+        made = gym.make_vec(
+            env_id, num_envs=n_envs, vectorization_mode="vector_entry_point", autoreset_mode=mode, **env_kwargs
+        )
+    except (TypeError, gym.error.Error) as error:
+        raise ValueError(f"{refusal} ({error})") from error
+    if not isinstance(made.unwrapped, TrackingVectorEnv):
+        raise ValueError(refusal)
+    return made.unwrapped
+
+
+def _part(result: Any, index: int, size: int) -> Any:
+    """One environment's part of what a fleet's method returns; all of it where it has no parts."""
+    if isinstance(result, dict):
+        return {key: values[index] for key, values in result.items()}
+    return result[index] if isinstance(result, (np.ndarray, tuple)) and len(result) == size else result
+
+
 def _lane(infos: dict[str, Any], index: int) -> dict[str, Any]:
     """The info dict of one environment, in plain Python types."""
-    return {
-        key: values[index].item()
-        for key, values in infos.items()
-        if not key.startswith("_") and isinstance(values, np.ndarray) and values.dtype != object
-    }
+    found: dict[str, Any] = {}
+    for key, values in infos.items():
+        if key.startswith("_") or key in ("final_obs", "final_info"):
+            continue
+        if isinstance(values, dict):
+            found[key] = _lane(values, index)
+        elif isinstance(values, np.ndarray) and values.dtype != object:
+            found[key] = values[index].item() if values[index].ndim == 0 else values[index]
+    return found

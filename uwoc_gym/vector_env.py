@@ -289,6 +289,17 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """What the present episodes have drawn, by its path, as in `TrackingEnv.parameters`, each of shape (N,)."""
         return self._fleet.drawn()
 
+    def push(self, impulse: npt.ArrayLike, lanes: npt.ArrayLike | None = None) -> None:
+        """Give the AUVs a shove, as `TrackingEnv.push` does: all of them, or those of ``lanes``.
+
+        Raises:
+            ResetNeeded: Nothing has been reset yet.
+            ValueError: The impulse has another shape or isn't finite; nothing has moved.
+        """
+        if not self._begun:
+            raise gym.error.ResetNeeded("no episode has begun; call reset() before push().")
+        self._fleet.push(np.arange(self.num_envs) if lanes is None else np.atleast_1d(lanes), impulse)
+
     def snapshot(self, lanes: npt.ArrayLike | None = None) -> npt.NDArray[np.void]:
         """The whole states of environments, what is going to happen included; see `Fleet.snapshot`."""
         return self._fleet.snapshot(lanes)

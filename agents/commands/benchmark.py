@@ -14,13 +14,16 @@ from uwoc_gym.agents.flight import Series, batches, check_flights, flown_seeds, 
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
     add_trust_argument,
+    add_wrapper_argument,
     number,
     policies_of,
     scenarios_of,
     whole,
+    wrapping_of,
 )
-from uwoc_gym.agents.policies.registry import POLICIES
+from uwoc_gym.agents.policies.registry import MAY_BE, POLICIES
 from uwoc_gym.agents.reports import figures, files, statistics, tables
+from uwoc_gym.agents.wrapping import Wrapping
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
@@ -32,7 +35,8 @@ examples:
   uwoc-gym benchmark
   uwoc-gym benchmark --policy pd nlpd --scenario Nominal uwoc/Random-v0 --seeds 100 --out results
   uwoc-gym benchmark --policy runs/ppo/model.zip my_module:make_policy --scenario my_scenario.json
-  uwoc-gym benchmark --scenario Random --override '{"episode": {"duration_s": 30}}'
+  uwoc-gym benchmark --scenario Random --override episode.duration_s=30 'ship[*].speed_mps=1.0'
+  uwoc-gym benchmark --scenario Random --policy pd ppo --wrapper gymnasium.wrappers:DelayObservation,delay=2
 """
 
 
@@ -44,10 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=policies,
         metavar="POLICY",
-        help=f"names, folders of training runs, saved .zip files or module:callable (default: {' '.join(policies)})",
+        help=f"each {MAY_BE} (default: {' '.join(policies)})",
     )
     add_trust_argument(parser)
     add_scenario_arguments(parser, list(ENV_IDS), many=True)
+    add_wrapper_argument(parser)
     parser.add_argument(
         "--seeds", type=whole("seeds"), default=20, metavar="N", help="number of seeds (default: %(default)s)"
     )
@@ -73,7 +78,8 @@ def run(args: argparse.Namespace) -> int:
     require("tqdm", *(["matplotlib"] if args.out else []))
     scenarios = _scenarios(args)
     policies = policies_of(args)
-    check_flights(policies, scenarios, min(args.batch, args.seeds))
+    around = wrapping_of(args)
+    check_flights(policies, scenarios, min(args.batch, args.seeds), around)
     folder = files.output_folder(args.out) if args.out else None
     results: list[tables.Result] = []
     flown: dict[str, dict[str, tuple[int, Series]]] = {}
@@ -81,10 +87,10 @@ def run(args: argparse.Namespace) -> int:
     interrupted = False
     try:
         if folder is None:
-            _fly_all(args, scenarios, policies, results, flown, None)
+            _fly_all(args, scenarios, policies, around, results, flown, None)
         else:
             with files.EpisodesFile(folder / "episodes.csv") as episodes:
-                _fly_all(args, scenarios, policies, results, flown, episodes)
+                _fly_all(args, scenarios, policies, around, results, flown, episodes)
     except KeyboardInterrupt:
         interrupted = True
     results = [result for result in results if result.rows]
@@ -92,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     text = tables.table(data) if data else ""
     print(text, end="")
     if folder is not None:
-        document = _document(args, scenarios, data, not interrupted, begun)
+        document = _document(args, scenarios, around, data, not interrupted, begun)
         files.write_results(folder, args.command_line, scenarios, document)
         files.write_text(folder / "table.md", text)
         for name, series in flown.items():
@@ -119,6 +125,7 @@ def _fly_all(
     args: argparse.Namespace,
     scenarios: dict[str, Scenario],
     policies: list[Policy],
+    around: Wrapping,
     results: list[tables.Result],
     flown: dict[str, dict[str, tuple[int, Series]]],
     episodes: files.EpisodesFile | None,
@@ -128,7 +135,7 @@ def _fly_all(
 
     seeds = range(args.seed, args.seed + args.seeds)
     plan = [
-        (name, policy, flown_seeds(policy, scenario, seeds))
+        (name, policy, flown_seeds(policy, scenario, seeds, around))
         for name, scenario in scenarios.items()
         for policy in policies
     ]
@@ -138,7 +145,7 @@ def _fly_all(
             result = tables.Result(name, policy.name, [], len(own) < len(seeds))
             results.append(result)
             for batch in batches(own, args.batch):
-                flight = fly(policy, scenarios[name], batch)
+                flight = fly(policy, scenarios[name], batch, wrapping=around)
                 rows = flight.metrics.rows()
                 if episodes is not None:
                     episodes.append(name, policy.name, batch, rows)
@@ -150,6 +157,7 @@ def _fly_all(
 def _document(
     args: argparse.Namespace,
     scenarios: dict[str, Scenario],
+    around: Wrapping,
     data: list[dict[str, Any]],
     finished: bool,
     begun: float,
@@ -162,6 +170,7 @@ def _document(
             "control_period_s": {name: each.episode.control_period_s for name, each in scenarios.items()},
             "policies": [str(Path(name)) if name.endswith(".zip") else name for name in args.policy],
             "scenarios": {name: each.to_dict() for name, each in scenarios.items()},
+            "wrappers": around.plain(),
             "interval": statistics.INTERVAL,
         },
         "wall_time_s": round(time.perf_counter() - begun, 3),

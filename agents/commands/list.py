@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         show(said(args.scenario, args.override, option="SCENARIO"))
         return 0
     if args.override is not None:
-        raise CommandError(f"--override {args.override}: there is nothing to change; name a scenario.")
+        raise CommandError(f"--override {' '.join(args.override)}: there is nothing to change; name a scenario.")
     print("environment IDs and the scenarios that they fly:")
     for env_id, name in ENV_IDS.items():
         print(f"  {env_id:<24} {name:<14} {DESCRIPTIONS[name]}".rstrip())

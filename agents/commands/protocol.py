@@ -14,7 +14,13 @@ from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.protocol import GROUPS
 from uwoc_gym.agents.learning.seeds import HELD_OUT, RUNS
-from uwoc_gym.agents.options import add_scenario_arguments, scenarios_of, whole
+from uwoc_gym.agents.options import (
+    add_scenario_arguments,
+    add_wrapper_argument,
+    scenarios_of,
+    whole,
+    wrapping_of,
+)
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import comparison, figures, files
 from uwoc_gym.baselines.controllers import CONTROLLERS
@@ -43,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="trainings of each group (default: the group's own, 10 or 3); 0 for controllers alone",
     )  # fmt: skip
     add_scenario_arguments(parser, list(ENV_IDS), "what is flown: ", many=True)
+    add_wrapper_argument(parser)
     parser.add_argument(
         "--seeds",
         type=whole("seeds", high=len(HELD_OUT)),
@@ -69,13 +76,15 @@ def run(args: argparse.Namespace) -> int:
     """Train what is missing, fly everything and report; returns the exit status."""
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
     scenarios = scenarios_of(args)
-    check_flights([CONTROLLERS[name] for name in RIVALS], scenarios, min(args.seeds, protocol.BATCH))
+    around = wrapping_of(args)
+    check_flights([CONTROLLERS[name] for name in RIVALS], scenarios, min(args.seeds, protocol.BATCH), around)
     folder, runs = files.output_folder(args.out), files.output_folder(args.runs, "--runs")
     if args.ship:
         files.output_folder(args.ship, "--ship")
     begun = time.perf_counter()
     counts = {name: GROUPS[name].seeds if args.training_seeds is None else args.training_seeds for name in args.groups}
-    members = protocol.jobs_of({name: count for name, count in counts.items() if count}, runs, args.steps)
+    wanted = {name: count for name, count in counts.items() if count}
+    members = protocol.jobs_of(wanted, runs, args.steps, args.wrapper)
     protocol.check(members, scenarios)
     # By seed, so that a protocol that is stopped has as much of every group.
     jobs = sorted((job for own in members.values() for job in own), key=lambda job: job.wish.seed or 0)
@@ -86,9 +95,10 @@ def run(args: argparse.Namespace) -> int:
             protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
     policies = {name: [name] for name in RIVALS}
     policies |= {group: [str(path) for path in own] for group, own in folders.items()}
-    scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], args.jobs)
+    scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], args.jobs, args.wrapper)
     results: dict[str, Any] = {
         "held_out_seeds": args.seeds,
+        "wrappers": around.plain(),
         "groups": {
             group: {
                 "arguments": GROUPS[group].wish.words(),

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             f"--fps {args.fps:g} at --speed {args.speed:g} is not allowed for {end - args.begin:g} s; the "
             f"{frames:.0f} frames must be at most {LIMITS['frames'].high:_}."
         )
-    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1)
+    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1, wanted.wrapping)
     if any(name.lower().endswith(".gif") for name in args.out) and args.fps > 50.0:
         raise CommandError(f"--fps {args.fps:g} is not allowed; a GIF shows at most 50 frames per second.")
     paths = [output_file(given, SUFFIXES, args.force) for given in dict.fromkeys(args.out)]

@@ -41,14 +41,14 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     wanted = episode_of(args)
-    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1)
+    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1, wanted.wrapping)
     duration = wanted.scenario.episode.duration_s
     if args.at > duration:
         raise CommandError(f"--at {args.at:g} is not allowed; it must be at most the episode's {duration:g} s.")
     path = output_file(args.out, (".html",), args.force)
     flights = {}
     for policy in tqdm(wanted.policies, unit="policy", file=sys.stderr, desc="flying"):
-        flights[policy.name] = fly(policy, wanted.scenario, [wanted.seed])
+        flights[policy.name] = fly(policy, wanted.scenario, [wanted.seed], wrapping=wanted.wrapping)
     text = page(page_data(wanted, flights, args.at), get_plotlyjs())
     write_text(path, text)
     print(f"{path}: {len(text.encode()) / 1e6:.2f} MB")

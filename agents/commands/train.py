@@ -9,11 +9,11 @@ from typing import Any
 
 from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.learning.plans import DEFAULT_ENV, Wish
-from uwoc_gym.agents.learning.seeds import RUNS, VALIDATION
+from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, RUNS
 from uwoc_gym.agents.learning.settings import TRAINABLE
-from uwoc_gym.agents.options import add_scenario_arguments, number, whole
+from uwoc_gym.agents.options import add_scenario_arguments, add_wrapper_argument, number, whole
+from uwoc_gym.agents.policies.registry import MAY_BE
 from uwoc_gym.agents.reports import files
-from uwoc_gym.baselines.controllers import CONTROLLERS
 
 HELP = "train an agent with Stable-Baselines3 and keep its best model"
 EXAMPLES = """\
@@ -22,8 +22,9 @@ examples:
   uwoc-gym train --resume --out runs/ppo
   uwoc-gym train --algorithm sac --steps 200000 --set policy_kwargs.net_arch=[64,64] --set learning_rate=lin_1e-3 \\
       --out runs/sac
-  uwoc-gym train --scenario Random --override '{"vehicle": {"mass_scale": [0.7, 1.3]}}' --out runs/heavy
+  uwoc-gym train --scenario Random --override 'vehicle.mass_scale=[0.7, 1.3]' --out runs/heavy
   uwoc-gym train --residual nlpd --scale 0.3 --frame-stack 3 --seed 1 --out runs/residual
+  uwoc-gym train --residual runs/ppo --scale 0.3 --wrapper gymnasium.wrappers:DelayObservation,delay=2 --out runs/late
   uwoc-gym benchmark --policy nlpd runs/ppo --scenario Random
 """
 
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--env", metavar="ID", help=f"environment ID or module:ID, also of other packages (default: {DEFAULT_ENV})"
     )
     add_scenario_arguments(parser, None, "in place of --env, ")
+    add_wrapper_argument(parser)
     parser.add_argument(
         "--out", required=True, metavar="DIR", help="folder of the run: model.zip, results.json and all"
     )
@@ -53,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--settings", metavar="FILE", help="settings file (default: the package's for the algorithm)")
     parser.add_argument(
         "--residual",
-        metavar="CONTROLLER",
-        help=f"correct a controller: {', '.join(CONTROLLERS)} or a .json file of gains",
+        metavar="POLICY",
+        help=f"what the agent corrects: {MAY_BE}",
     )
     parser.add_argument(
         "--scale", type=number("residual scale"), metavar="X", help="what an action of 1 adds, up to 2 (default: 0.5)"
@@ -65,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--eval-every", type=whole("steps"), metavar="N", help="steps (default: a twentieth of all)")
     parser.add_argument(
         "--eval-episodes",
-        type=whole("seeds", low=2, high=len(VALIDATION)),
+        type=whole("seeds", low=2, high=len(ALL_VALIDATION)),
         metavar="N",
         help="episodes of an evaluation (default: 32)",
     )
@@ -80,11 +82,12 @@ def run(args: argparse.Namespace) -> int:
     require("yaml", "stable_baselines3", "tensorboard", "tqdm", "matplotlib")
     from uwoc_gym.agents.learning import training
 
-    wish = Wish(**{field.name: getattr(args, field.name) for field in fields(Wish)} | {"set": tuple(args.set)})
+    several = {name: tuple(getattr(args, name) or ()) for name in ("set", "override", "wrapper")}
+    wish = Wish(**{field.name: getattr(args, field.name) for field in fields(Wish)} | several)
     folder = files.output_folder(args.out)
     already = training.finished(folder)
     try:
-        made = training.train(wish, folder, args.command_line, args.resume, args.threads)
+        made = training.train(wish, folder, args.command_line, args.resume, args.threads, tell=_tell)
     except training.Interruption as stop:
         print(f"uwoc-gym train: {stop}; go on with: uwoc-gym train --resume --out {args.out}", file=sys.stderr)
         return stop.status
@@ -93,10 +96,15 @@ def run(args: argparse.Namespace) -> int:
         return 0
     best = made.progress.best
     assert best is not None
-    print(f"best model, at step {best['steps']}: {folder / 'model.zip'}")
+    untrained = ", before it had learned anything" if best["steps"] == 0 else ""
+    print(f"best model, at step {best['steps']:,} of {made.progress.steps:,}{untrained}: {folder / 'model.zip'}")
     for name, scores in {"agent": best, **made.baselines}.items():
         print(f"  {name}: " + ", ".join(_score(key, scores) for key in ("return", "availability") if key in scores))
     return 0
+
+
+def _tell(line: str) -> None:
+    print(f"uwoc-gym train: {line}" if not line.startswith(" ") else line, file=sys.stderr, flush=True)
 
 
 def _score(key: str, scores: dict[str, Any]) -> str:

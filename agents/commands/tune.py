@@ -15,7 +15,15 @@ from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import tuning
 from uwoc_gym.agents.learning.plans import Wish, planned
 from uwoc_gym.agents.learning.search import Dimension, Found, search
-from uwoc_gym.agents.options import add_scenario_arguments, add_search_arguments, whole
+from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, VALIDATION
+from uwoc_gym.agents.options import (
+    add_scenario_arguments,
+    add_search_arguments,
+    add_wrapper_argument,
+    whole,
+    wrapping_of,
+)
+from uwoc_gym.agents.policies.registry import GAINS_FILE
 from uwoc_gym.agents.reports import files
 from uwoc_gym.agents.scenarios import said
 from uwoc_gym.baselines import gains
@@ -25,7 +33,8 @@ HELP = "search for a controller's gains on training seeds, or for a learner's se
 EXAMPLES = """\
 examples:
   uwoc-gym tune nlpd --out tuning/nlpd
-  uwoc-gym tune pd --trials 500 --override '{"sea": {"current": {"speed_mps": 0.3}}}' --out tuning/pd
+  uwoc-gym tune pd --trials 500 --override sea.current.speed_mps=0.3 --out tuning/pd
+  uwoc-gym tune pd --trials 200 --wrapper gymnasium.wrappers:DelayObservation,delay=2 --episodes 16 --out tuning/late
   uwoc-gym tune ppo --trials 30 --steps 1000000 --out tuning/ppo
   uwoc-gym tune nlpd --trials 3000 --out tuning/nlpd --resume
 """
@@ -35,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument("target", choices=(*tuning.GAIN_BOXES, *tuning.LEARNERS), help="what to tune")
     add_scenario_arguments(parser, None, "what it is tuned on, by default Random: ")
+    add_wrapper_argument(parser)
     parser.add_argument("--env", metavar="ID", help="an environment of another package that a learner is tuned on")
     parser.add_argument(
         "--trials", type=whole("trials"), metavar="N", help="points to try in all (default: 2000; learners 30)"
@@ -50,6 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--episodes", type=whole("episodes at a time"), default=64, metavar="N",
         help="training seeds that every gain set is flown on (default: %(default)s)",
     )  # fmt: skip
+    parser.add_argument(
+        "--eval-episodes",
+        type=whole("seeds", low=2, high=len(ALL_VALIDATION)),
+        metavar="N",
+        help=f"validation seeds: those that the best gains are flown on in the end (default: {len(VALIDATION)}), or "
+        "that each validation of a learner takes (default: 32)",
+    )
     parser.add_argument(
         "--steps",
         type=whole("steps"),
@@ -74,18 +91,21 @@ def _gains(args: argparse.Namespace) -> Found:
     if args.env is not None:
         raise CommandError(f"--env is not allowed for {args.target}, a controller; give --scenario.")
     name, _, _, scenario = said("Random" if args.scenario is None else args.scenario, args.override)
-    check_flights([CONTROLLERS[args.target]], {name: scenario}, args.batch * args.episodes)
+    around = wrapping_of(args)
+    check_flights([CONTROLLERS[args.target]], {name: scenario}, args.batch * args.episodes, around)
     folder = files.output_folder(args.out)
     box = tuning.GAIN_BOXES[args.target]
     problem = {
         "target": args.target, "seed": args.seed, "scenario": scenario.to_dict(), "episodes": args.episodes,
+        # Searches of earlier versions know of none, and go on.
+        **({"wrappers": around.plain()} if around else {}),
     }  # fmt: skip
     with files.locked(folder):
         found = search(
             folder,
             problem,
             box,
-            tuning.controller_score(scenario, args.seed, args.episodes),
+            tuning.controller_score(scenario, args.seed, args.episodes, around),
             trials=args.trials or 2000,
             batch=args.batch,
             seed=args.seed,
@@ -95,9 +115,10 @@ def _gains(args: argparse.Namespace) -> Found:
             resume=args.resume,
         )
     law = tuning.gains_of(found.best.values, args.command_line)
-    validation = tuning.validation(law, scenario)
-    files.write_json(folder / "gains.json", asdict(law))
-    document = {**_document(problem, box, found), "validation": validation}
+    episodes = args.eval_episodes or len(VALIDATION)
+    validation = tuning.validation(law, scenario, episodes, around)
+    files.write_json(folder / GAINS_FILE, asdict(law))
+    document = {**_document(problem, box, found), "validation_episodes": episodes, "validation": validation}
     files.write_results(folder, args.command_line, {name: scenario}, document)
     _show(args.target, name, found, validation)
     return found
@@ -110,7 +131,9 @@ def _settings(args: argparse.Namespace) -> Found:
         algorithm=args.target,
         env=args.env,
         scenario=args.scenario,
-        override=args.override,
+        override=tuple(args.override or ()),
+        wrapper=tuple(args.wrapper),
+        eval_episodes=args.eval_episodes,
         steps=args.steps,
         seed=args.seed,
     )
@@ -120,6 +143,8 @@ def _settings(args: argparse.Namespace) -> Found:
     problem: dict[str, Any] = {"target": args.target, "seed": args.seed, "env": plan.env_id, "steps": args.steps}
     if plan.task is not None and (plan.name != plan.env_id or plan.overrides):
         problem["scenario"] = plan.task.to_dict()
+    if plan.wrapping.words:
+        problem["wrappers"] = plan.wrapping.plain()
     with files.locked(folder):
         found = search(
             folder,

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from uwoc_gym.rendering import NoDisplayError
 
     wanted = episode_of(args)
-    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1)
+    check_flights(wanted.policies, {wanted.scenario_name: wanted.scenario}, 1, wanted.wrapping)
     try:
         player = Player(wanted, args.size, args.speed)
     except NoDisplayError as error:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -14,11 +15,14 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.modules import import_here
 from uwoc_gym.agents.policies.archive import Normalisation, Statistics
-from uwoc_gym.agents.policies.residual import CONTROLS, check_actions, checked_scale, corrected
-from uwoc_gym.baselines import Controller
+from uwoc_gym.agents.policies.residual import CONTROLS, Corrected, check_actions
+from uwoc_gym.agents.wrapping import PLAIN, Wrapping
+from uwoc_gym.baselines.policy import Predictor
+from uwoc_gym.env import TrackingEnv
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.sb3 import TrackingVecEnv
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.spaces import action_space
 
 
 class ResidualVecEnv(VecEnvWrapper):
@@ -26,35 +30,34 @@ class ResidualVecEnv(VecEnvWrapper):
 
     Args:
         venv: Environments with this package's observations and actions.
-        controller: What is corrected; it sees the same observations as the agent.
+        controller: What is corrected, a controller or any other policy; it sees the same observations as the agent.
         scale: What an action of 1 adds, as a share of the actuators' limits, in (0, 2].
 
     Raises:
         SettingError: The scale isn't allowed, or the environments have other actions.
     """
 
-    def __init__(self, venv: VecEnv, controller: Controller, scale: float = 0.5) -> None:
+    def __init__(self, venv: VecEnv, controller: Predictor, scale: float = 0.5) -> None:
         check_actions(venv.action_space.shape)
         super().__init__(venv, action_space=CONTROLS)
-        self.controller = controller
-        self.scale = checked_scale(scale)
-        self._controls: Any = None
+        self.controller, self.scale = controller, scale
+        self._corrected = Corrected(controller, scale)
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in every environment."""
         observations: Any = self.venv.reset()
-        self._controls, _ = self.controller.predict(observations)
+        self._corrected.begin(observations)
         return observations  # type: ignore[no-any-return]
 
     def step_async(self, actions: Any) -> None:
         """Take the agent's actions of shape (N, 3) and pass the corrected ones on."""
-        self.venv.step_async(corrected(self._controls, actions, self.scale))
+        self.venv.step_async(self._corrected.act(actions))
 
     def step_wait(self) -> VecEnvStepReturn:
         """Advance all environments by one control period."""
         observations, rewards, dones, infos = self.venv.step_wait()
         # Where an episode has ended this is the next one's first observation; the last stays in its info.
-        self._controls, _ = self.controller.predict(observations)  # type: ignore[arg-type]
+        self._corrected.see(observations, dones)
         return observations, rewards, dones, infos
 
 
@@ -109,8 +112,17 @@ class EpisodeMonitor(VecEnvWrapper):
         return observations, rewards, dones, infos
 
 
-def base_scenario(env_id: str) -> Scenario | None:
-    """The scenario of an environment ID whose vector environment is ours; None for any other.
+class Base(NamedTuple):
+    """What there is to know of an environment's ID."""
+
+    scenario: Scenario | None
+    """What it flies; None for environments of others."""
+    fleet: bool
+    """Whether it has a fleet; else its single environments are stepped one by one."""
+
+
+def base_of(env_id: str) -> Base:
+    """What an environment's ID flies, and how.
 
     Raises:
         CommandError: There is no environment of that ID.
@@ -130,36 +142,92 @@ def base_scenario(env_id: str) -> Scenario | None:
     except SettingError as error:
         raise CommandError(f"--env {env_id!r} can't be made: {error}") from None
     except ValueError:
-        return None
-    scenario = env.vector_env.scenario
+        return Base(_of_singles(env_id), fleet=False)
     env.close()
-    return scenario
+    return Base(env.scenario, fleet=True)
 
 
-def make_base(env_id: str, n_envs: int, scenario: Scenario | None, env_kwargs: Mapping[str, Any]) -> VecEnv:
-    """The bare environments: a fleet where ours can be had, else Stable-Baselines3's own loop over copies.
+def _of_singles(env_id: str) -> Scenario | None:
+    """The scenario of an ID whose single environment is ours in wrappers that keep its spaces; None for any other."""
+    try:
+        env = gym.make(env_id)
+    # Whatever it lacks, its settings may give it.
+    except Exception:
+        return None
+    own = env.unwrapped
+    env.close()
+    if not isinstance(own, TrackingEnv):
+        return None
+    scenario = own.scenario
+    kept = env.observation_space.shape == own.observation_space.shape
+    return scenario if kept and env.action_space == action_space(scenario) else None
+
+
+def singles(env_id: str, base: Scenario, env_kwargs: Mapping[str, Any]) -> Callable[[Scenario], gym.Env[Any, Any]]:
+    """What makes the single environments of an ID without a fleet, in any scenario.
+
+    Args:
+        env_id: The ID.
+        base: What it flies by itself.
+        env_kwargs: Further arguments.
+    """
+    return partial(_single, env_id, base, dict(env_kwargs))
+
+
+def _single(env_id: str, base: Scenario, env_kwargs: dict[str, Any], scenario: Scenario) -> gym.Env[Any, Any]:
+    asked: dict[str, Any] = {} if scenario == base else {"scenario": scenario}
+    try:
+        env = gym.make(env_id, **env_kwargs, **asked)
+        flown = env.get_wrapper_attr("scenario")
+    except Exception as error:
+        raise CommandError(f"--env {env_id!r} can't be made{_with(asked)}: {error}") from None
+    if flown != scenario:
+        raise CommandError(
+            f"--env {env_id!r} can't be made{_with(asked)}: it flies another one; it must hand scenario= on to "
+            "TrackingEnv."
+        )
+    return env
+
+
+def _with(asked: Mapping[str, Any]) -> str:
+    return " with another scenario, which --override, --scenario or the settings ask for" if asked else ""
+
+
+def make_base(
+    env_id: str, n_envs: int, scenario: Scenario | None, env_kwargs: Mapping[str, Any], wrapping: Wrapping = PLAIN
+) -> VecEnv:
+    """The environments: a fleet where ours can be had, else Stable-Baselines3's own loop over copies.
 
     Args:
         env_id: Environment ID.
         n_envs: Number of environments.
         scenario: The scenario to train on; None for environments of others.
         env_kwargs: Arguments of environments of others.
+        wrapping: What stands around them.
 
     Raises:
-        CommandError: The environment can't be made.
+        CommandError: The environment or a wrapper can't be made.
     """
-    if scenario is not None:
+    if scenario is not None and wrapping.single is None:
         episode = scenario.episode
-        # Both periods again, since the ID's own arguments would go before the scenario's.
-        return TrackingVecEnv(
-            env_id,
-            n_envs,
-            scenario=scenario,
-            control_period_s=episode.control_period_s,
-            integration_step_s=episode.integration_step_s,
-        )
+        with wrapping.blamed():
+            # Both periods again, since the ID's own arguments would go before the scenario's.
+            return TrackingVecEnv(
+                env_id,
+                n_envs,
+                scenario=scenario,
+                control_period_s=episode.control_period_s,
+                integration_step_s=episode.integration_step_s,
+                wrapper=wrapping.wrappers,
+            )
+
+    def single() -> gym.Env[Any, Any]:
+        if scenario is not None and wrapping.single is not None:
+            return wrapping.around(wrapping.single(scenario))
+        return wrapping.around(gym.make(env_id, **env_kwargs))
+
     try:
-        return DummyVecEnv([lambda: gym.make(env_id, **env_kwargs) for _ in range(n_envs)])
+        return DummyVecEnv([single] * n_envs)
     except (gym.error.Error, TypeError, ValueError, ImportError) as error:
         raise CommandError(f"--env {env_id!r} can't be made: {error}") from None
 
@@ -167,7 +235,7 @@ def make_base(env_id: str, n_envs: int, scenario: Scenario | None, env_kwargs: M
 def wrapped(
     base: VecEnv,
     values: Mapping[str, Any],
-    controller: Controller | None,
+    controller: Predictor | None,
     scenario: Scenario | None,
     normalisation: Normalisation | None = None,
 ) -> tuple[VecEnv, EpisodeMonitor, VecNormalize | None]:
@@ -179,7 +247,7 @@ def wrapped(
         base: The bare environments.
         values: Checked settings.
         controller: What the agent corrects, if anything.
-        scenario: The scenario trained on; None for environments of others.
+        scenario: The scenario trained on; None where observations aren't as it says.
         normalisation: Where its statistics stand; None to begin.
     """
     monitor = EpisodeMonitor(base, None if scenario is None else scenario.observation.place("inside the cone"))

@@ -6,19 +6,22 @@ import json
 import shlex
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from uwoc_gym.agents.errors import CommandError, naming, require
 from uwoc_gym.agents.learning import settings
-from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.seeds import training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.policies.corrections import Correction, correction
+from uwoc_gym.agents.policies.registry import gains_path
+from uwoc_gym.agents.policies.residual import check_actions
 from uwoc_gym.agents.reports.files import read_json
-from uwoc_gym.agents.scenarios import Said, json_object, said
-from uwoc_gym.baselines import GAINS, Gains, gains
-from uwoc_gym.given import LIMITS, SettingError, closest, shown
+from uwoc_gym.agents.scenarios import Said, changes_of, json_object, merged, said
+from uwoc_gym.agents.wrapping import Wrapping, wrapping
+from uwoc_gym.given import LIMITS, closest, shown
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
 
@@ -35,7 +38,8 @@ class Wish:
     algorithm: str | None = None
     env: str | None = None
     scenario: str | None = None
-    override: str | None = None
+    override: tuple[str, ...] = ()
+    wrapper: tuple[str, ...] = ()
     residual: str | None = None
     scale: float | None = None
     frame_stack: int | None = None
@@ -87,22 +91,30 @@ class Plan:
     """What is evaluated, and trained on but for the settings' own overrides; None for environments of others."""
     overrides: tuple[dict[str, Any], ...]
     """What was asked to be changed in the environment's scenario; goes before the settings' own overrides."""
-    gains: Gains | None
-    """The controller that the agent corrects, if any."""
+    base: Scenario | None
+    """The scenario before that."""
+    wrapping: Wrapping
+    """What stands around the environments."""
+    corrected: Correction | None
+    """What the agent corrects, if anything."""
     eval_every: int
     eval_episodes: int
     checkpoint_every: int
 
     @property
     def practice(self) -> Scenario | None:
-        """What is trained on."""
-        if self.task is None:
+        """What is trained on: the scenario with the settings' own overrides, then with what was asked for.
+
+        Raises:
+            CommandError: The one or the other isn't allowed.
+        """
+        if self.base is None:
             return None
-        practice = self.task
         own = self.values["env_kwargs"].get("scenario")
-        for changes in ({} if own is None else own, *self.overrides):
-            practice = practice.merged(changes)
-        return practice
+        with naming("env_kwargs.scenario is not allowed"):
+            practice = self.base.merged({} if own is None else own)
+        with naming("--override, in what the settings train on (env_kwargs.scenario)" if own else "--override"):
+            return merged(practice, self.overrides)
 
     def to_dict(self) -> dict[str, Any]:
         """The plan as plain data, as it is recorded and by which a resumed run is compared with the one before."""
@@ -116,6 +128,9 @@ class Plan:
                     "settings": self.values,
                     "overrides": self.overrides,
                     "scenario": self.task.to_dict() if self.task is not None else None,
+                    "base": self.base.to_dict() if self.base is not None else None,
+                    "wrappers": self.wrapping.plain(),
+                    "corrected_sha256": None if self.corrected is None else self.corrected.digest,
                     "eval_every": self.eval_every,
                     "eval_episodes": self.eval_episodes,
                     "checkpoint_every": self.checkpoint_every,
@@ -137,6 +152,9 @@ def recorded_plan(path: Path) -> dict[str, Any]:
     if isinstance(found.get("overrides"), dict):
         found["overrides"] = [found["overrides"]] if found["overrides"] else []
     found.setdefault("name", found.get("env"))
+    # Theirs say what is to be, and not by how much more, so that it can be said again.
+    found.setdefault("base", found.get("scenario"))
+    found.setdefault("wrappers", [])
     for key, allowed, fits in _RECORDED:
         if not fits(found.get(key)) and (key in found or key not in _MAY_LACK):
             raise CommandError(
@@ -161,6 +179,21 @@ _RECORDED: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
         lambda value: isinstance(value, list) and all(isinstance(each, dict) for each in value),
     ),
     ("scenario", "null or a mapping of settings", lambda value: value is None or isinstance(value, dict)),
+    ("base", "null or a mapping of settings", lambda value: value is None or isinstance(value, dict)),
+    (
+        "wrappers",
+        "a list of names and options of wrappers",
+        lambda value: (
+            isinstance(value, list)
+            and all(
+                isinstance(each, dict)
+                and each.keys() == {"name", "options"}
+                and isinstance(each["name"], str)
+                and isinstance(each["options"], dict)
+                for each in value
+            )
+        ),
+    ),
     ("seed", "a whole number", _is_count("seed")),
     ("eval_every", LIMITS["steps"].allowed, _is_count("steps")),
     ("eval_episodes", LIMITS["seeds"].allowed, _is_count("seeds")),
@@ -188,7 +221,8 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
     require(ALGORITHMS[algorithm].module)
     seed = wish.seed if wish.seed is not None else known.get("seed", 0)
     training_seed(seed)
-    env_id, name, base, overrides = _environment(wish, known)
+    where = _environment(wish, known)
+    env_id = where.env_id
     own_file = None if wish.settings is None else Path(wish.settings)
     if recorded is not None and own_file is None and recorded["algorithm"] == algorithm and recorded["env"] == env_id:
         values = settings.checked(algorithm, recorded["settings"], "run.json")
@@ -196,30 +230,33 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         values, _ = settings.resolve(algorithm, env_id, path=own_file)
     values = _overridden(wish, algorithm, values)
     source = "run.json" if recorded is not None and own_file is None else own_file
-    with nullcontext() if source is None else naming(f"settings of {source}"):
-        found, task = _gains(values["residual"]), _task(base, values)
-    if base is None and values["residual"]:
-        raise CommandError(f"residual is not allowed for {env_id!r}, which isn't one of this package's.")
+    of_source = nullcontext() if source is None else naming(f"settings of {source}")
+    with of_source:
+        _check_arguments(where, values)
+        base, task = (_with_periods(each, values) for each in (where.base, where.task))
+    with nullcontext() if wish.residual is not None else naming(f"settings of {source or algorithm}"):
+        corrected = _corrected(where, values["residual"])
+    around = wrapping(wish.wrapper or known.get("wrappers", ()))
     episodes = wish.eval_episodes or known.get("eval_episodes", 32)
-    if episodes > len(VALIDATION):
-        raise CommandError(f"--eval-episodes {episodes} is not allowed; there are {len(VALIDATION)} validation seeds.")
     every = wish.eval_every or known.get("eval_every", max(values["n_timesteps"] // 20, 1))
     plan = Plan(
         algorithm=algorithm,
         env_id=env_id,
-        name=name,
+        name=where.name,
         seed=seed,
         values=values,
         task=task,
-        overrides=overrides,
-        gains=found,
+        base=base,
+        overrides=where.changes,
+        wrapping=around if where.fleet or base is None else _of_singles(where, around, values),
+        corrected=corrected,
         eval_every=every,
         eval_episodes=episodes,
         checkpoint_every=wish.checkpoint_every or known.get("checkpoint_every", every),
     )
-    of_source = nullcontext() if source is None else naming(f"settings of {source}")
-    with of_source, naming("env_kwargs.scenario is not allowed"):
+    with nullcontext() if source is None else naming(f"settings of {source}"):
         _ = plan.practice
+    _check_wrapped(plan)
     return plan
 
 
@@ -239,35 +276,60 @@ def check_same(plan: Plan, recorded: Mapping[str, Any], folder: Path) -> None:
             raise CommandError(f"--resume: the run in {folder} has {key} = {old!r}, not {new!r}; begin another run.")
     if plan.task != _recorded_task(recorded) or wanted["overrides"] != recorded["overrides"]:
         raise CommandError(f"--resume: the run in {folder} has another scenario; leave out --scenario and --override.")
+    if wanted["wrappers"] != recorded["wrappers"]:
+        raise CommandError(f"--resume: the run in {folder} has other wrappers; leave out --wrapper.")
+    if wanted["corrected_sha256"] != recorded.get("corrected_sha256"):
+        raise CommandError(
+            f"--resume: the run in {folder} corrects another agent than {wanted['settings']['residual']!r} is now; put "
+            "that one back."
+        )
     if wanted["eval_episodes"] != recorded.get("eval_episodes"):
         raise CommandError(f"--resume: the run in {folder} has --eval-episodes {recorded.get('eval_episodes')}.")
 
 
-def _environment(wish: Wish, known: Mapping[str, Any]) -> tuple[str, str, Scenario | None, tuple[dict[str, Any], ...]]:
-    """The environment's ID, what is trained on in a word, its scenario, and what was changed in it."""
-    from uwoc_gym.agents.learning.environments import base_scenario
+class _Where(NamedTuple):
+    """Where is trained."""
+
+    env_id: str
+    name: str
+    """The same in a word."""
+    base: Scenario | None
+    """Before anything was asked to be changed; None for environments of others."""
+    task: Scenario | None
+    """With what was asked to be changed."""
+    changes: tuple[dict[str, Any], ...]
+    fleet: bool
+    """Whether there is a fleet of it."""
+
+
+def _environment(wish: Wish, known: Mapping[str, Any]) -> _Where:
+    from uwoc_gym.agents.learning.environments import base_of
 
     if wish.env is not None and wish.scenario is not None:
         raise CommandError("--scenario is not allowed beside --env, which says the scenario already; leave out one.")
-    if wish.scenario is None and wish.override is None and wish.env in (None, known.get("env")) and known:
+    if wish.scenario is None and not wish.override and wish.env in (None, known.get("env")) and known:
         # Refuses an environment that isn't there any more.
         with naming("run.json"):
-            base_scenario(known["env"])
-        return known["env"], known["name"], _recorded_task(known), tuple(known["overrides"])
+            fleet = base_of(known["env"]).fleet
+            base = None if known["base"] is None else Scenario.from_dict(known["base"])
+        changes = tuple(known["overrides"])
+        return _Where(known["env"], known["name"], base, _recorded_task(known), changes, fleet)
     if wish.scenario is not None:
         found = said(wish.scenario, wish.override)
         # A file that says everything is no named scenario's: the settings' default entry holds for it.
         env_id = next(each for each, name in ENV_IDS.items() if name == (found.base or "Nominal"))
-        return env_id, _called(found, env_id), found.scenario, found.changes
+        own = Scenario.named(found.base) if found.base is not None else said(wish.scenario).scenario
+        return _Where(env_id, _called(found, env_id), own, found.scenario, found.changes, fleet=True)
     env_id = known.get("env", DEFAULT_ENV) if wish.env is None else wish.env
-    base = base_scenario(env_id)
-    if wish.override is None:
-        return env_id, env_id, base, ()
-    if base is None:
-        raise CommandError(f"--override is not allowed for {env_id!r}, which isn't one of this package's.")
+    base, fleet = base_of(env_id)
+    changes = changes_of(wish.override)
+    if base is None and wish.override:
+        raise CommandError(f"--override is not allowed for {env_id!r}, {_OTHERS}, so that there is no scenario.")
     with naming("--override"):
-        changes = json_object(wish.override)
-        return env_id, env_id, base.merged(changes), (changes,) if changes else ()
+        return _Where(env_id, env_id, base, None if base is None else merged(base, changes), changes, fleet)
+
+
+_OTHERS = "which isn't a TrackingEnv of this package, by itself or in wrappers that keep its observations and actions"
 
 
 def _recorded_task(recorded: Mapping[str, Any]) -> Scenario | None:
@@ -282,11 +344,12 @@ def _called(found: Said, env_id: str) -> str:
 def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str, Any]:
     values = settings.assigned(algorithm, values, wish.set)
     residual: Any = wish.residual
-    if residual is not None and residual.endswith(".json"):
+    gains = None if residual is None else gains_path(Path(residual))
+    if gains is not None:
+        # The run holds the gains themselves, whatever becomes of the file.
         with naming("--residual"):
-            residual = json_object(residual, file=True)
-        with naming(f"--residual {shown(wish.residual)}"):
-            _gains(residual)
+            residual = json_object(str(gains), file=True)
+            correction(residual)
     given = {
         "n_timesteps": wish.steps,
         "n_envs": wish.envs,
@@ -299,26 +362,77 @@ def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str,
     )
 
 
-def _gains(given: Any) -> Gains | None:
-    """The gains of the controller that is corrected."""
+def _corrected(where: _Where, given: Any) -> Correction | None:
+    """What is corrected.
+
+    Raises:
+        CommandError: There is no such policy, it can't fly the scenario, or the environment isn't ours.
+    """
     if given is None:
         return None
-    try:
-        return Gains.from_dict(given) if isinstance(given, dict) else gains(given)
-    except SettingError as error:
-        hint = closest(given, GAINS) if isinstance(given, str) else str(error)
-        raise CommandError(f"residual = {shown(given)} is not allowed; {hint}") from None
+    if where.task is None:
+        raise CommandError(
+            f"residual is not allowed for {where.env_id!r}, {_OTHERS}: no policy that is corrected knows what it sees."
+        )
+    found = correction(given)
+    assert found is not None
+    with naming(f"residual = {shown(given)} is not allowed"):
+        check_actions((len(where.task.actions),))
+        found.policy.pilot(where.task)
+    return found
 
 
-def _task(base: Scenario | None, values: Mapping[str, Any]) -> Scenario | None:
-    """The scenario to evaluate in: that which was asked for, with the periods that the settings say."""
-    if base is None:
-        return None
+def _check_arguments(where: _Where, values: Mapping[str, Any]) -> None:
+    """Refuse arguments of the environment that ours don't have; single environments may have any."""
     given = {key: value for key, value in values["env_kwargs"].items() if key != "scenario"}
-    for key in given:
+    for key in given if where.fleet and where.base is not None else ():
         if key not in PERIODS:
             raise CommandError(
                 f"env_kwargs has {shown(key)}, which is not known; {closest(key, ['scenario', *PERIODS])}"
             )
+
+
+def _with_periods(scenario: Scenario | None, values: Mapping[str, Any]) -> Scenario | None:
+    """The scenario with the periods that the settings say."""
+    if scenario is None:
+        return None
     with naming("env_kwargs"):
-        return base.merged({"episode": given})
+        given = {key: value for key, value in values["env_kwargs"].items() if key in PERIODS}
+        return scenario.merged({"episode": given})
+
+
+def _of_singles(where: _Where, around: Wrapping, values: Mapping[str, Any]) -> Wrapping:
+    """The wrappers around the single environments of an ID that has no fleet."""
+    from uwoc_gym.agents.learning.environments import singles
+
+    assert where.base is not None
+    rest = {key: value for key, value in values["env_kwargs"].items() if key not in ("scenario", *PERIODS)}
+    return replace(around, single=singles(where.env_id, where.base, rest))
+
+
+def _check_wrapped(plan: Plan) -> None:
+    """Refuse wrappers in which nothing can be trained that flies again.
+
+    Raises:
+        CommandError: They can't go around the environments, or change the shapes of observations or actions.
+    """
+    from uwoc_gym.agents.learning.environments import make_base
+
+    around = plan.wrapping
+    if not around:
+        return
+    if plan.practice is None or plan.task is None:
+        make_base(plan.env_id, 1, None, plan.values["env_kwargs"], around).close()
+        return
+    for scenario in (plan.practice, plan.task):
+        around.check(scenario)
+        env = around.fleet(scenario, 1)
+        shapes = (env.single_observation_space.shape, env.single_action_space.shape)
+        env.close()
+        wanted = ((scenario.observation.size,), (len(scenario.actions),))
+        if shapes != wanted:
+            raise CommandError(
+                f"--wrapper {' '.join(around.words)} is not allowed: it makes observations and actions of shapes "
+                f"{shapes[0]} and {shapes[1]}; an agent flies on those of the scenario, {wanted[0]} and {wanted[1]}. "
+                "--frame-stack and the observation groups of --override change what it sees."
+            )

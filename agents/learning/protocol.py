@@ -24,6 +24,7 @@ from uwoc_gym.agents.learning.plans import Job, Plan, Wish, planned, recorded_pl
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
+from uwoc_gym.agents.wrapping import wrapping
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.given import as_number, shown
 from uwoc_gym.scenario import Scenario
@@ -169,19 +170,24 @@ def train_and_tell(job: Job, sender: Any) -> None:
         sender.send(trouble)
 
 
-def jobs_of(groups: Mapping[str, int], runs: Path, steps: int | None) -> dict[str, list[Job]]:
+def jobs_of(
+    groups: Mapping[str, int], runs: Path, steps: int | None, wrapper: Sequence[str] = ()
+) -> dict[str, list[Job]]:
     """The trainings of each group.
 
     Args:
         groups: Number of trainings by a name in `GROUPS`.
         runs: Folder of all runs.
         steps: Steps of each training, in place of what its group says.
+        wrapper: What goes around the environments.
     """
+
+    def wish(name: str, seed: int) -> Wish:
+        own = GROUPS[name].wish
+        return replace(own, seed=seed, steps=steps or own.steps, wrapper=tuple(wrapper))
+
     return {
-        name: [
-            Job(replace(GROUPS[name].wish, seed=seed, steps=steps or GROUPS[name].wish.steps), runs / f"{name}-{seed}")
-            for seed in range(count)
-        ]
+        name: [Job(wish(name, seed), runs / f"{name}-{seed}") for seed in range(count)]
         for name, count in groups.items()
     }
 
@@ -230,7 +236,11 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
 
 
 def fly_all(
-    scenarios: Mapping[str, Scenario], policies: Mapping[str, Sequence[str]], seeds: Sequence[int], jobs: int
+    scenarios: Mapping[str, Scenario],
+    policies: Mapping[str, Sequence[str]],
+    seeds: Sequence[int],
+    jobs: int,
+    wrapper: Sequence[str] = (),
 ) -> dict[str, dict[str, dict[str, Array]]]:
     """Fly every policy through every scenario.
 
@@ -239,6 +249,7 @@ def fly_all(
         policies: The members of each policy, as `load` takes them.
         seeds: Seeds of the episodes.
         jobs: Flights at a time, each in a process of its own.
+        wrapper: What goes around the environments.
 
     Returns:
         Each measure by scenario and policy, shape (members, seeds).
@@ -246,7 +257,7 @@ def fly_all(
     from tqdm import tqdm
 
     flights = [
-        (scenario_name, name, member, seeds if scenario.draws else seeds[:1])
+        (scenario_name, name, member, seeds if scenario.draws or wrapper else seeds[:1])
         for scenario_name, scenario in scenarios.items()
         for name, members in policies.items()
         for member in members
@@ -259,7 +270,10 @@ def fly_all(
     ):
         try:
             with interrupts.kept_from_children():
-                flown = [pool.submit(_rows, member, scenarios[scenario], own) for scenario, _, member, own in flights]
+                flown = [
+                    pool.submit(_rows, member, scenarios[scenario], own, tuple(wrapper))
+                    for scenario, _, member, own in flights
+                ]
             for (scenario, name, _, _), done in zip(flights, flown, strict=True):
                 bar.set_description(f"{scenario}, {name}")
                 rows.setdefault((scenario, name), []).append(done.result())
@@ -281,10 +295,11 @@ def _one_thread() -> None:
     torch.set_num_threads(1)
 
 
-def _rows(member: str, scenario: Scenario, seeds: Sequence[int]) -> list[dict[str, float]]:
+def _rows(member: str, scenario: Scenario, seeds: Sequence[int], wrapper: Sequence[str]) -> list[dict[str, float]]:
     """The measures of one policy's episodes."""
-    policy = load(member)
-    return [row for batch in batches(seeds, BATCH) for row in fly(policy, scenario, batch).metrics.rows()]
+    policy, around = load(member), wrapping(wrapper)
+    flights = (fly(policy, scenario, batch, wrapping=around) for batch in batches(seeds, BATCH))
+    return [row for flight in flights for row in flight.metrics.rows()]
 
 
 def decision_time(policy: Policy, calls: int = 300) -> float:

@@ -7,8 +7,11 @@ from uwoc_gym.agents.errors import CommandError
 HELD_OUT = range(0, 200)
 """Seeds of the benchmark's episodes. Nothing in training, tuning or the choice of a model flies them."""
 
-VALIDATION = range(100_000, 100_064)
-"""Seeds of the episodes that choose between models, in training and in tuning."""
+ALL_VALIDATION = range(100_000, 200_000)
+"""Seeds of the episodes that choose between models, in training and in tuning: the first so many that are asked for."""
+
+VALIDATION = ALL_VALIDATION[:64]
+"""Those that are flown unless other numbers are asked for."""
 
 SPAN = 1_000_000
 """How many seeds each training run has to itself."""

@@ -17,6 +17,7 @@ from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS, policy_arguments
+from uwoc_gym.agents.policies.registry import MAY_BE
 from uwoc_gym.given import (
     DEEPEST,
     LIMITS,
@@ -56,8 +57,8 @@ OWN: dict[str, Any] = {
 """Settings that aren't the algorithm's own, with their defaults.
 
 ``env_kwargs`` are arguments of the environment; ``env_kwargs.scenario`` overrides the scenario in training alone, the
-others hold in evaluation too. ``residual`` names the gains of a controller that the agent corrects by
-``residual_scale``; these two are all that rl-baselines3-zoo doesn't know.
+others hold in evaluation too. ``residual`` names the policy that the agent corrects by ``residual_scale``; these two
+are all that rl-baselines3-zoo doesn't know.
 """
 
 _NOT_SETTINGS = {
@@ -293,7 +294,7 @@ def _own(key: str, value: Any) -> Any:
                 raise _NotAllowedError("the name of a policy, such as MlpPolicy")
         case "residual":
             if value is not None and not isinstance(value, (str, dict)):
-                raise _NotAllowedError("null, the name of a controller, or a mapping of gains")
+                raise _NotAllowedError(f"null, a mapping of gains, or {MAY_BE}")
     return value
 
 

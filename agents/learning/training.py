@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -17,11 +18,11 @@ from stable_baselines3.common.utils import set_random_seed
 
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints, environments
 from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
 from uwoc_gym.agents.learning.progress import Progress, read_progress
-from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import constructor_arguments, written
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.agent import Agent, stack
@@ -29,12 +30,19 @@ from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.archive import Normalisation
 from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.reports import figures, files, tables
-from uwoc_gym.baselines import Controller
-from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.agents.scenarios import differences
+from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.parameters import SettingError
+from uwoc_gym.scenario import Scenario
 
 BASELINES = ("pd", "nlpd", "nlpd-tuned")
 """The controllers whose scores stand in the learning curve."""
+
+BATCH = 200
+"""Episodes of a validation that are flown at a time."""
+
+LINES = 24
+"""How many differences between what is trained on and what is scored are shown."""
 
 _LAST, _BEST = "last.zip", "best.zip"
 """The last agent, in the run's folder and in a checkpoint, and the best one in a checkpoint."""
@@ -56,7 +64,15 @@ def finished(folder: Path) -> bool:
         return False
 
 
-def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads: int = 1, bar: bool = True) -> Run:
+def train(
+    wish: Wish,
+    folder: Path,
+    command: str,
+    resume: bool = False,
+    threads: int = 1,
+    bar: bool = True,
+    tell: Callable[[str], None] | None = None,
+) -> Run:
     """Train to the end, or go on with what was stopped.
 
     Args:
@@ -66,6 +82,7 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
         resume: Whether to go on with the run that the folder holds, rather than to begin one.
         threads: Threads of PyTorch.
         bar: Whether to show progress.
+        tell: Is told what will be done, a line at a time, before it is begun.
 
     Returns:
         The run, finished.
@@ -99,6 +116,8 @@ def train(wish: Wish, folder: Path, command: str, resume: bool = False, threads:
             raise _taken(folder)
         run = Run(plan, folder, command, checkpoints.newest(folder) if resume else None)
         if not run.progress.finished:
+            for line in run.preview() if tell is not None else ():
+                tell(line)  # type: ignore[misc]
             run.train(bar)
         elif not finished(folder):
             # It was killed between its last checkpoint and the files that tell of it, or they were damaged.
@@ -161,10 +180,11 @@ class Run:
         values = plan.values
         first = training_seed(plan.seed, self.progress.seeds_used)
         self.progress.seeds_used += values["n_envs"]
-        base = environments.make_base(plan.env_id, values["n_envs"], plan.practice, values["env_kwargs"])
-        controller = Controller(plan.gains, plan.practice.known()) if plan.gains is not None and plan.practice else None
+        practice = plan.practice
+        base = environments.make_base(plan.env_id, values["n_envs"], practice, values["env_kwargs"], plan.wrapping)
+        shown = None if plan.wrapping else practice
         env, self.monitor, self.statistics = environments.wrapped(
-            base, values, controller, plan.practice, normalisation
+            base, values, self._corrected(practice), shown, normalisation
         )
         self.env = env
         self.model = self._make(first)
@@ -187,6 +207,11 @@ class Run:
         except (TypeError, ValueError, AssertionError, NotImplementedError, RuntimeError) as error:
             raise CommandError(f"{self.kind.name} can't be made with these settings: {error}") from error
 
+    def _corrected(self, scenario: Scenario | None) -> Predictor | None:
+        """What the agent corrects, made for a scenario."""
+        corrected = self.plan.corrected
+        return corrected.policy.pilot(scenario) if corrected is not None and scenario is not None else None
+
     def _restore(self, path: Path) -> None:
         """Put the model back where a checkpoint left it."""
         archive.read_training(path / _LAST, self.model)
@@ -199,11 +224,34 @@ class Run:
         """The present policy, as it would fly after training."""
         plan = self.plan
         normalise = self.statistics.normalize_obs if self.statistics is not None else None
-        controller = (
-            Controller(plan.gains, plan.task.known()) if plan.gains is not None and plan.task is not None else None
-        )
         frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
-        return Agent(self.model, normalise, frames, controller, scale)
+        return Agent(self.model, normalise, frames, self._corrected(plan.task), scale)
+
+    def preview(self) -> list[str]:
+        """What the run will do from where it stands, in a few lines, before it does anything."""
+        plan, model = self.plan, self.model
+        total, done, envs = plan.values["n_timesteps"], self.progress.steps, plan.values["n_envs"]
+        evaluated = self.progress.evaluations[-1]["steps"] if self.progress.evaluations else None
+        lot = rollout(model, self.kind.off_policy)
+        ahead = forecast(total, done, lot or envs, plan.eval_every, evaluated)
+        asked = f" ({total:,} asked for; they come in lots of {lot:,})" if lot and ahead.steps != total else ""
+        if lot is None:
+            asked = " and to the end of that episode"
+        behind = f", {done:,} of them done" if done else ""
+        lines = [
+            f"{self.kind.name} on {plan.name}: {ahead.steps:,} steps{asked}{behind}, "
+            f"in {_some(envs, 'environment')}; {_some(ahead.validations, 'validation')} of "
+            f"{plan.eval_episodes} episodes{'' if lot else ' at most'}"
+        ]
+        if plan.task is None or plan.practice is None or plan.task == plan.practice:
+            return lines
+        unlike = differences(plan.practice, plan.task)
+        lines.append(
+            "what it is trained on differs from what it is scored on (trained -> scored); with --set "
+            "env_kwargs.scenario={} it doesn't:"
+        )
+        lines += [f"  {line}" for line in unlike[:LINES]]
+        return lines + ([f"  and {len(unlike) - LINES} more"] if len(unlike) > LINES else [])
 
     def train(self, bar: bool = True) -> None:
         """Train to the end of the budget, and leave everything in the folder.
@@ -263,24 +311,27 @@ class Run:
     def _score_baselines(self) -> None:
         if self.plan.task is None:
             return
-        seeds = VALIDATION[: self.plan.eval_episodes]
         for name in BASELINES:
             try:
                 POLICIES[name].pilot(self.plan.task)
             except SettingError as error:
                 print(f"{name} doesn't fly beside the agent: {error}", file=sys.stderr)
             else:
-                self.baselines[name] = _scores(fly(POLICIES[name], self.plan.task, seeds).metrics.rows())
+                self.baselines[name] = _scores(self._validated(POLICIES[name], self.plan.task))
+
+    def _validated(self, policy: Policy, task: Scenario) -> list[dict[str, float]]:
+        """The measures of a policy on the validation seeds."""
+        seeds = ALL_VALIDATION[: self.plan.eval_episodes]
+        flown = (fly(policy, task, own, wrapping=self.plan.wrapping) for own in batches(seeds, BATCH))
+        return [row for flight in flown for row in flight.metrics.rows()]
 
     def evaluate(self) -> dict[str, Any]:
         """Fly the validation seeds with the present policy; keep it if none was better."""
         plan, steps = self.plan, self.model.num_timesteps
-        seeds = VALIDATION[: plan.eval_episodes]
         if plan.task is not None:
-            policy = Policy("agent", "", lambda scenario: self.agent())
-            rows = fly(policy, plan.task, seeds).metrics.rows()
+            rows = self._validated(Policy("agent", "", lambda scenario: self.agent()), plan.task)
         else:
-            rows = _fly_others(plan, self.model, self.statistics, seeds)
+            rows = _fly_others(plan, self.model, self.statistics, ALL_VALIDATION[: plan.eval_episodes])
         found = {"steps": steps, **_scores(rows)}
         history = self.progress.evaluations
         history[:] = [each for each in history if each["steps"] < steps] + [found]
@@ -293,10 +344,13 @@ class Run:
     def _save(self, path: Path) -> None:
         """Save the present agent whole or not at all."""
         plan, normalisation = self.plan, environments.normalisation_of(self.statistics)
+        corrected = plan.corrected
+        told, data = (None, None) if corrected is None else (corrected.told, corrected.data)
+        around = " ".join(plan.wrapping.words)
         described = saved.describe(
-            plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, plan.gains, normalisation
+            plan.env_id, plan.name, plan.algorithm, plan.values, plan.task, told, normalisation, around
         )
-        checkpoints.save_agent(path, lambda file: archive.write(self.model, described, file))
+        checkpoints.save_agent(path, lambda file: archive.write(self.model, described, file, data))
 
     def checkpoint(self) -> None:
         """Write a checkpoint, and the files that tell of the run's progress.
@@ -336,7 +390,7 @@ class Run:
         document = {
             "finished": progress.finished,
             **plan.to_dict(),
-            "validation_seeds": [VALIDATION[0], VALIDATION[plan.eval_episodes - 1]],
+            "validation_seeds": [ALL_VALIDATION[0], ALL_VALIDATION[plan.eval_episodes - 1]],
             "steps": progress.steps,
             "wall_time_s": round(progress.seconds, 1),
             "steps_per_s": round(progress.steps / max(progress.learning_seconds, 1e-9)),
@@ -475,6 +529,46 @@ class _LogFile(KVWriter):
         """Nothing is held open."""
 
 
+class Forecast(NamedTuple):
+    """What a run will have come to at its end."""
+
+    steps: int
+    """Steps in all, whole lots of them."""
+    validations: int
+    """Validations still to come."""
+
+
+def rollout(model: Any, off_policy: bool) -> int | None:
+    """Steps that a model takes between two looks at its budget; None where it counts episodes."""
+    if not off_policy:
+        return int(model.n_steps * model.n_envs)
+    return int(model.train_freq.frequency * model.n_envs) if model.train_freq.unit.value == "step" else None
+
+
+def _some(count: int, what: str) -> str:
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def forecast(total: int, done: int, lot: int, every: int, evaluated: int | None) -> Forecast:
+    """What a run will do.
+
+    Args:
+        total: Steps asked for.
+        done: Steps that stand behind it.
+        lot: Steps between two looks at the budget.
+        every: Steps between validations, which wait for the end of a lot.
+        evaluated: Step of the last validation; None if there was none.
+    """
+    lots = max(-(-(total - done) // lot), 0)
+    steps = done + lots * lot
+    if not lots:
+        return Forecast(steps, int(evaluated != steps))
+    # Before each lot one that has become due, and one at the end.
+    last = steps - lot
+    before = -1 if evaluated is None else evaluated // every
+    return Forecast(steps, min(lots, max(last // every - before, 0)) + 1)
+
+
 def _after(steps: int, every: int) -> int:
     """The next multiple of ``every`` above ``steps``."""
     return (steps // every + 1) * every
@@ -489,7 +583,7 @@ def _scores(rows: list[dict[str, float]]) -> dict[str, Any]:
 def _fly_others(plan: Plan, model: Any, statistics: Any, seeds: range) -> list[dict[str, float]]:
     """Episodes of an environment that isn't ours, one at a time."""
     rows = []
-    env = gym.make(plan.env_id, **plan.values["env_kwargs"])
+    env = plan.wrapping.around(gym.make(plan.env_id, **plan.values["env_kwargs"]))
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
         memory, stacked, total, begun, over = None, None, 0.0, np.ones(1, dtype=bool), False

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning.plans import Job, Wish
 from uwoc_gym.agents.learning.search import Dimension, Evaluate
-from uwoc_gym.agents.learning.seeds import VALIDATION, training_seed
+from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
+from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines import Gains
 from uwoc_gym.baselines.controllers import one_for_each
 from uwoc_gym.scenario import Scenario
@@ -74,14 +75,18 @@ def point_of(law: Gains, box: Mapping[str, Dimension]) -> dict[str, float]:
     return point
 
 
-def controller_score(scenario: Scenario, seed: int, episodes: int) -> Evaluate:
+BATCH = 200
+"""Episodes of a validation that are flown at a time."""
+
+
+def controller_score(scenario: Scenario, seed: int, episodes: int, wrapping: Wrapping = PLAIN) -> Evaluate:
     """Mean return of gain sets over training seeds, all flown together; the same seeds for every one."""
     first = training_seed(seed)
     seeds = range(first, first + episodes)
 
     def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
         laws = [gains_of(point) for point in points for _ in seeds]
-        flown = _flown(laws, scenario, list(seeds) * len(points))
+        flown = _flown(laws, scenario, list(seeds) * len(points), wrapping)
         means = {key: values.reshape(len(points), -1).mean(axis=1).tolist() for key, values in flown.items()}
         return [
             (means["return"][i], {key: values[i] for key, values in means.items() if key != "return"})
@@ -91,15 +96,19 @@ def controller_score(scenario: Scenario, seed: int, episodes: int) -> Evaluate:
     return evaluate
 
 
-def _flown(laws: list[Gains], scenario: Scenario, seeds: list[int]) -> dict[str, Any]:
-    flown = fly(one_for_each(laws), scenario, seeds).metrics
+def _flown(laws: list[Gains], scenario: Scenario, seeds: list[int], wrapping: Wrapping) -> dict[str, Any]:
+    flown = fly(one_for_each(laws), scenario, seeds, wrapping=wrapping).metrics
     return {"return": flown.return_, "availability": flown.availability, "effort": flown.effort}
 
 
-def validation(law: Gains, scenario: Scenario) -> dict[str, float]:
-    """The gain set's means on the validation seeds, which the search hasn't seen."""
-    flown = _flown([law] * len(VALIDATION), scenario, list(VALIDATION))
-    return {f"validation_{key}": float(np.mean(values)) for key, values in flown.items()}
+def validation(
+    law: Gains, scenario: Scenario, episodes: int = len(VALIDATION), wrapping: Wrapping = PLAIN
+) -> dict[str, float]:
+    """The gain set's means on so many validation seeds, which the search hasn't seen."""
+    flown = [
+        _flown([law] * len(own), scenario, list(own), wrapping) for own in batches(ALL_VALIDATION[:episodes], BATCH)
+    ]
+    return {f"validation_{key}": float(np.mean(np.concatenate([each[key] for each in flown]))) for key in flown[0]}
 
 
 def learner_score(wish: Wish, folder: Path) -> Evaluate:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.policies.residual import checked_scale, corrected
-from uwoc_gym.baselines import Controller
+from uwoc_gym.baselines.policy import Predictor
 
 
 class Agent:
@@ -19,7 +19,7 @@ class Agent:
         model: A model of Stable-Baselines3 or sb3-contrib, or its network alone.
         normalise: Its observation statistics, frozen, if it was trained with some.
         frames: How many observations in a row it sees.
-        controller: What its actions correct, if anything.
+        controller: What its actions correct, if anything: a controller or any other policy.
         scale: What an action of 1 adds to the controller's.
     """
 
@@ -28,7 +28,7 @@ class Agent:
         model: Any,
         normalise: Callable[[Any], Any] | None = None,
         frames: int = 1,
-        controller: Controller | None = None,
+        controller: Predictor | None = None,
         scale: float = 1.0,
     ) -> None:
         self.model = model
@@ -60,14 +60,15 @@ class Agent:
             raise ValueError(f"observation has shape {seen.shape}; it must be ({size},) or (N, {size}).")
         batch = np.atleast_2d(seen)
         start = np.zeros(len(batch), dtype=bool) if episode_start is None else np.atleast_1d(episode_start).astype(bool)
-        stacked, memory = state if state is not None else (None, None)
+        stacked, memory, below = state if state is not None else (None, None, None)
         given = batch if self._normalise is None else self._normalise(batch)
         if self._frames > 1:
             given = stacked = stack(stacked, given, start, self._frames)
         actions, memory = self.model.predict(given, memory, start, deterministic)
         if self.controller is not None:
-            actions = corrected(self.controller.predict(batch)[0], actions, self._scale)
-        return (actions if seen.ndim == 2 else actions[0]), (stacked, memory)
+            controls, below = self.controller.predict(batch, state=below, episode_start=start, deterministic=True)
+            actions = corrected(controls, actions, self._scale)
+        return (actions if seen.ndim == 2 else actions[0]), (stacked, memory, below)
 
 
 def stack(

@@ -29,12 +29,30 @@ from uwoc_gym.given import check_plain
 MEMBER = "agent.json"
 """What makes a zip file of Stable-Baselines3 an agent of this package."""
 
+CORRECTED = "corrected.zip"
+"""The file of the agent that this one corrects, if it corrects one."""
+
 FORMAT = 2
 _POLICY = "policy.pth"
 _LARGEST_TEXT, _LARGEST_TENSORS = 2**24, 2**31
 """Bytes of ``agent.json`` and of a file of tensors above which neither is read."""
 
 Array = npt.NDArray[np.float64]
+
+
+class Member(io.BytesIO):
+    """A file that another one holds, read into memory."""
+
+    def __init__(self, data: bytes, name: str) -> None:
+        super().__init__(data)
+        self._name = name
+
+    def __str__(self) -> str:
+        return self._name
+
+
+Source = Path | Member
+"""An agent's file."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +121,7 @@ class Description:
     frame_stack: int
     normalisation: Normalisation | None
     residual: dict[str, Any] | None
-    """Gains and scale of what it corrects."""
+    """What it corrects and by what scale: "gains", "policy" or "agent" (a member of its file), and "scale"."""
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""
@@ -111,15 +129,19 @@ class Description:
         return {"format": FORMAT, **vars(self), "normalisation": normalisation}
 
 
-def write(model: Any, description: Description, file: IO[bytes]) -> None:
+def write(model: Any, description: Description, file: IO[bytes], corrected: bytes | None = None) -> None:
     """Save a model with what it needs to act.
 
     Args:
         model: A model of Stable-Baselines3 or sb3-contrib.
         description: What else there is to say.
         file: Open for reading and writing.
+        corrected: The file of the agent that it corrects, if it corrects one.
     """
     model.save(file)
+    if corrected is not None:
+        with zipfile.ZipFile(file, "a") as archive:
+            archive.writestr(CORRECTED, corrected)
     _describe(file, description)
 
 
@@ -162,7 +184,7 @@ def _describe(file: IO[bytes], description: Description) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+def _opened(path: Source) -> Iterator[zipfile.ZipFile]:
     """An agent's file to read from.
 
     Raises:
@@ -192,7 +214,7 @@ def is_agent(path: Path) -> bool:
     return MEMBER in names
 
 
-def read(path: Path) -> Description:
+def read(path: Source) -> Description:
     """What the ``agent.json`` in an agent's file says.
 
     Raises:
@@ -202,7 +224,7 @@ def read(path: Path) -> Description:
         return _read(archive, path)[0]
 
 
-def _read(archive: zipfile.ZipFile, path: Path) -> tuple[Description, str]:
+def _read(archive: zipfile.ZipFile, path: Source) -> tuple[Description, str]:
     """What ``agent.json`` says, and the digest of the weights that it was written for."""
     text = _member(archive, MEMBER, _LARGEST_TEXT, path)
     try:
@@ -225,7 +247,7 @@ def _read(archive: zipfile.ZipFile, path: Path) -> tuple[Description, str]:
     return Description(**{**fields, "normalisation": _normalisation(said["normalisation"])}), digest
 
 
-def _member(archive: zipfile.ZipFile, name: str, largest: int, path: Path) -> bytes:
+def _member(archive: zipfile.ZipFile, name: str, largest: int, path: Source) -> bytes:
     size = archive.getinfo(name).file_size
     if size > largest:
         raise CommandError(f"{str(path)!r} can't be read: its {name} has {size} bytes; it must have {largest} at most.")
@@ -236,7 +258,7 @@ def _no_number(text: str) -> NoReturn:
     raise ValueError(f"{text} is not a number")
 
 
-def _refuse(path: Path, reason: str) -> NoReturn:
+def _refuse(path: Source, reason: str) -> NoReturn:
     raise CommandError(f"{str(path)!r} doesn't describe an agent: its {MEMBER} {reason}.")
 
 
@@ -308,6 +330,20 @@ def _statistics(said: Mapping[str, Any]) -> Statistics:
     return Statistics(np.array(said["mean"], dtype=float), np.array(said["variance"], dtype=float), said["count"])
 
 
+_CORRECTED: dict[str, Callable[[Any], bool]] = {
+    "gains": lambda value: isinstance(value, dict),
+    "policy": _is_text,
+    "agent": lambda value: value == CORRECTED,
+}
+"""How a file may tell what its agent corrects."""
+
+
+def _is_residual(value: Any) -> bool:
+    return isinstance(value, dict) and any(
+        value.keys() == {key, "scale"} and check(value[key]) for key, check in _CORRECTED.items()
+    )
+
+
 _FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "description": ("text", _is_text),
     "algorithm": (f"one of {', '.join(ALGORITHMS)}", lambda value: _is_text(value) and value in ALGORITHMS),
@@ -332,9 +368,8 @@ _FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
         lambda value: value is None or _is_normalisation(value),
     ),
     "residual": (
-        "null or an object with gains and a scale",
-        lambda value: value is None or (isinstance(value, dict) and value.keys() == {"gains", "scale"}
-                                        and isinstance(value["gains"], dict)),
+        "null or an object with a scale and with gains, the name of a policy, or that of an agent's file in this one",
+        lambda value: value is None or _is_residual(value),
     ),
     "policy_sha256": (
         "the SHA-256 of policy.pth, 64 hexadecimal digits", lambda value: _is_text(value) and len(value) == 64
@@ -343,7 +378,7 @@ _FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
 """What each field may be, in words and as a check; what is read elsewhere, such as gains, is checked there."""
 
 
-def _tensors(archive: zipfile.ZipFile, name: str, path: Path) -> dict[str, Any]:
+def _tensors(archive: zipfile.ZipFile, name: str, path: Source) -> dict[str, Any]:
     """What a member holds: tensors and numbers by name, read without running anything."""
     import torch
 
@@ -360,7 +395,7 @@ def _tensors(archive: zipfile.ZipFile, name: str, path: Path) -> dict[str, Any]:
     return found
 
 
-def read_policy(path: Path) -> tuple[Any, Description]:
+def read_policy(path: Source) -> tuple[Any, Description]:
     """The network of an agent in an environment of this package, ready to act, and its description.
 
     Raises:
@@ -418,11 +453,21 @@ def read_policy(path: Path) -> tuple[Any, Description]:
     return policy, said
 
 
+def read_corrected(path: Source) -> Member:
+    """The file of the agent that an agent corrects.
+
+    Raises:
+        CommandError: It can't be read.
+    """
+    with _opened(path) as archive:
+        return Member(_member(archive, CORRECTED, _LARGEST_TENSORS, path), f"{path}, {CORRECTED}")
+
+
 def _no_learning(progress_remaining: float) -> float:
     return 0.0
 
 
-def _check_sizes(path: Path, said: Description, seen: int, weights: Mapping[str, Any]) -> None:
+def _check_sizes(path: Source, said: Description, seen: int, weights: Mapping[str, Any]) -> None:
     """Refuse a description of a network larger than its weights before anything of its size is made."""
     import torch
 

@@ -1,8 +1,9 @@
-"""Policies by name, file or callable."""
+"""Policies by name, folder, file or callable."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,65 @@ from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.modules import import_here
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
+from uwoc_gym.agents.scenarios import json_object
+from uwoc_gym.baselines import Controller, Gains
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.baselines.policy import Policy, Predictor
-from uwoc_gym.given import closest, shown
+from uwoc_gym.given import SettingError, closest, shown
 from uwoc_gym.scenario import Scenario
+
+MAY_BE = (
+    "a name that uwoc-gym list shows, the folder of a training run or of a search for gains, a saved .zip file, "
+    "a .json file of gains, or module:callable"
+)
+"""All that a policy may be given as, in words."""
+
+GAINS_FILE = "gains.json"
+"""What a search for gains has found, in its folder."""
 
 TRAINED = Path(__file__).parents[1] / "trained"
 """The agents that come with the package: a folder each, with ``model.zip``."""
+
+
+def load(name: str, trust: bool = False) -> Policy:
+    """The policy of that name, folder, file or callable.
+
+    Args:
+        name: A name in `POLICIES`, the folder of a training run (its best model flies) or of a search for gains, the
+            path of a zip file saved by Stable-Baselines3 or sb3-contrib, the path of a .json file of gains, or
+            "module:callable", which is called with what is known of the scenario (`Scenario.known`) and returns an
+            object with Stable-Baselines3's ``predict``. What the file of an agent says is rebuilt: frozen
+            normalisation, stacked frames, a policy that is corrected.
+        trust: Whether to load files that hold pickled objects or name code too, and so to run whatever is in them:
+            those that Stable-Baselines3 alone has saved, agents of version 0.1, and agents that correct a
+            "module:callable". All other agents of this package need none of that; "module:callable" itself is code, and
+            is run in any case.
+
+    Raises:
+        CommandError: There is no such policy, it can't be loaded, or it would have to be trusted.
+    """
+    if name in POLICIES:
+        return POLICIES[name]
+    path = Path(name)
+    gains = gains_path(path)
+    if gains is not None:
+        return of_gains(name, gains_of_file(gains))
+    if path.suffix == ".zip" or os.path.exists(name):
+        return saved.load(path, by_name, trust)
+    return by_name(name)
+
+
+def by_name(name: str) -> Policy:
+    """The policy of that name, or callable, whatever files there are.
+
+    Raises:
+        CommandError: There is no such policy.
+    """
+    if name in POLICIES:
+        return POLICIES[name]
+    if ":" in name:
+        return _callable(name)
+    raise CommandError(f"there is no policy {shown(name)}; {closest(name, POLICIES)} A policy may be {MAY_BE}.")
 
 
 def shipped(folder: Path = TRAINED) -> dict[str, Policy]:
@@ -27,7 +80,7 @@ def shipped(folder: Path = TRAINED) -> dict[str, Policy]:
         description = archive.read(path)
         needs = (ALGORITHMS[description.algorithm].module,)
         name = path.parent.name
-        found[name] = Policy(name, description.description, partial(saved.build, path), needs=needs)
+        found[name] = Policy(name, description.description, partial(saved.build, path, by_name), needs=needs)
     return found
 
 
@@ -35,32 +88,37 @@ POLICIES: dict[str, Policy] = CONTROLLERS | shipped()
 """The named policies: scripted controllers and shipped agents."""
 
 
-def load(name: str, trust: bool = False) -> Policy:
-    """The policy of that name, file or callable.
+def gains_path(path: Path) -> Path | None:
+    """The file of gains that a path means: itself, or that in the folder of a search; None if it means none."""
+    if path.is_dir():
+        return path / GAINS_FILE if (path / GAINS_FILE).is_file() and not (path / saved.MODEL).is_file() else None
+    return path if path.suffix == ".json" else None
 
-    Args:
-        name: A name in `POLICIES`, the folder of a training run (its best model flies), the path of a zip file saved
-            by Stable-Baselines3 or sb3-contrib, or "module:callable", which is called with what is known of the
-            scenario (`Scenario.known`) and returns an object with Stable-Baselines3's ``predict``. What the file of an
-            agent says is rebuilt: frozen normalisation, stacked frames, a controller that is corrected.
-        trust: Whether to load files that hold pickled objects too, and so to run whatever is in them: those that
-            Stable-Baselines3 alone has saved, and agents of version 0.1. This package's own agents need none of that;
-            "module:callable" is code, and is run in any case.
+
+def of_gains(name: str, law: Gains) -> Policy:
+    """The controller with those gains."""
+    return Policy(name, f"controller with gains of {law.source}", partial(Controller, law))
+
+
+def gains_of_file(path: Path) -> Gains:
+    """The gains in a .json file, such as a search has found.
 
     Raises:
-        CommandError: There is no such policy, it can't be loaded, or it would have to be trusted.
+        CommandError: It can't be read, or doesn't hold gains.
     """
-    if name in POLICIES:
-        return POLICIES[name]
-    path = Path(name)
-    if path.suffix == ".zip" or os.path.exists(name):
-        return saved.load(path, trust)
-    if ":" in name:
-        return _callable(name)
-    raise CommandError(
-        f"there is no policy {shown(name)}; {closest(name, POLICIES)} A policy may also be the path of a saved "
-        ".zip file or module:callable."
-    )
+    return gains_of(json_object(str(path), file=True), f"gains {shown(str(path))}")
+
+
+def gains_of(given: Mapping[str, Any], name: str) -> Gains:
+    """The gains that a mapping says; errors call it by the name.
+
+    Raises:
+        CommandError: A gain is unknown, missing or not allowed.
+    """
+    try:
+        return Gains.from_dict(given)
+    except SettingError as error:
+        raise CommandError(f"{name} is not allowed; {error}") from None
 
 
 def _callable(name: str) -> Policy:

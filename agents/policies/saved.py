@@ -1,23 +1,22 @@
 """Trained agents as policies: a saved model with the wrappers that it was trained in, rebuilt for observations alone.
 
-Around the network stand frozen normalisation, then stacked frames, and a controller that it corrects.
+Around the network stand frozen normalisation, then stacked frames, and a policy that it corrects.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.policies import archive, foreign
 from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
-from uwoc_gym.agents.policies.archive import Description, Normalisation
+from uwoc_gym.agents.policies.archive import Description, Normalisation, Source
 from uwoc_gym.baselines import Controller, Gains
-from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
 
@@ -31,8 +30,9 @@ def describe(
     algorithm: str,
     values: Mapping[str, Any],
     scenario: Scenario | None,
-    gains: Gains | None,
+    corrected: Mapping[str, Any] | None,
     normalisation: Normalisation | None,
+    around: str = "",
 ) -> Description:
     """What an agent's file says: all that acting needs besides the weights.
 
@@ -42,14 +42,13 @@ def describe(
         algorithm: A name in `ALGORITHMS`.
         values: Checked settings.
         scenario: The scenario trained for; None for environments of others.
-        gains: The controller that the agent corrects, if any.
+        corrected: What the agent corrects, as `Correction.told` says it, if anything.
         normalisation: Its normalisation as it stands, if any.
+        around: The wrappers that it was trained in, if any.
     """
-    residual = None
-    if gains is not None:
-        residual = {"gains": dataclasses.asdict(gains), "scale": values["residual_scale"]}
+    residual = None if corrected is None else {**corrected, "scale": values["residual_scale"]}
     return Description(
-        description=f"{ALGORITHMS[algorithm].name} trained on {name}",
+        description=f"{ALGORITHMS[algorithm].name} trained on {name}{f' in {around}' if around else ''}",
         algorithm=algorithm,
         env=env_id,
         observation=_interface(scenario) if scenario is not None else None,
@@ -100,49 +99,91 @@ def _interface(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-@cache
-def _parts(path: Path, old: bool) -> tuple[Any, Callable[[Any], Any] | None, Description]:
-    """Network, normalisation and description of an agent's file."""
+class _Parts(NamedTuple):
+    """What an agent's file holds."""
+
+    policy: Any
+    normalise: Callable[[Any], Any] | None
+    description: Description
+    corrected: _Parts | None
+    """The same of the agent that it corrects, if it corrects one."""
+
+
+def _read(path: Source, old: bool = False) -> _Parts:
     if old:
-        return foreign.read_old_agent(path)
+        return _Parts(*foreign.read_old_agent(path), None)  # type: ignore[arg-type]
     policy, description = archive.read_policy(path)
-    return policy, description.normalisation, description
+    residual = description.residual
+    within = residual is not None and "agent" in residual
+    corrected = _read(archive.read_corrected(path)) if within else None
+    return _Parts(policy, description.normalisation, description, corrected)
 
 
-def build(path: Path, scenario: Scenario, old: bool = False) -> Agent:
+_parts = cache(_read)
+
+Find = Callable[[str], Policy]
+"""What finds a policy by its name."""
+
+
+def build(path: Path, find: Find, scenario: Scenario, old: bool = False, trust: bool = False) -> Agent:
     """The agent of a file.
 
     Args:
         path: The file.
-        scenario: What is flown, of which a corrected controller knows what its designer would.
+        find: Finds what it corrects, where the file names that.
+        scenario: What is flown, of which a corrected policy knows what its designer would.
         old: Whether it is of version 0.1, and is trusted.
+        trust: Whether code that it names may be run.
 
     Raises:
-        CommandError: It can't be loaded or was trained for another observation layout.
+        CommandError: It can't be loaded, was trained for another observation layout, or corrects what isn't trusted.
     """
-    policy, normalise, description = _parts(path, old)
+    return _built(str(path), _parts(path, old), find, scenario, trust)
+
+
+def _built(name: str, parts: _Parts, find: Find, scenario: Scenario, trust: bool) -> Agent:
+    description = parts.description
     assert description.observation is not None
-    _check_layout(str(path), description.observation, scenario)
+    _check_layout(name, description.observation, scenario)
     residual = description.residual
     if residual is None:
-        return Agent(policy, normalise, description.frame_stack)
+        return Agent(parts.policy, parts.normalise, description.frame_stack)
     try:
-        controller = Controller(Gains(**residual["gains"]), scenario)
-        return Agent(policy, normalise, description.frame_stack, controller, residual["scale"])
+        controller = _corrected(name, residual, parts.corrected, find, scenario, trust)
+        return Agent(parts.policy, parts.normalise, description.frame_stack, controller, residual["scale"])
     except (SettingError, TypeError, KeyError) as error:
-        raise CommandError(f"policy {str(path)!r} has a residual that is not allowed: {error}") from None
+        raise CommandError(f"policy {name!r} has a residual that is not allowed: {error}") from None
 
 
-def load(path: Path, trust: bool = False) -> Policy:
+def _corrected(
+    name: str, residual: Mapping[str, Any], agent: _Parts | None, find: Find, scenario: Scenario, trust: bool
+) -> Predictor:
+    if "gains" in residual:
+        return Controller(Gains(**residual["gains"]), scenario)
+    if agent is not None:
+        return _built(f"{name}, {archive.CORRECTED}", agent, find, scenario, trust)
+    told = residual["policy"]
+    if ":" in told and not trust:
+        raise CommandError(
+            f"policy {name!r} corrects {told!r}, which is code, and loading it runs that code; if you trust whoever "
+            "made it, give --trust, or trust=True in Python."
+        )
+    with naming(f"policy {name!r} corrects {told!r}"):
+        return find(told).make(scenario)
+
+
+def load(path: Path, find: Find, trust: bool = False) -> Policy:
     """The policy of a training run's folder, or of a zip file.
 
     Args:
         path: The folder or the file.
-        trust: Whether to load what holds pickled objects too, and so to run what it says: a zip file that
-            Stable-Baselines3 or sb3-contrib alone has saved, or an agent of version 0.1 of this package.
+        find: Finds what an agent corrects, where its file names that.
+        trust: Whether to load what holds pickled objects or names code too, and so to run what it says: a zip file that
+            Stable-Baselines3 or sb3-contrib alone has saved, an agent of version 0.1 of this package, or one that
+            corrects a "module:callable".
 
     Raises:
-        CommandError: There is none, it can't be loaded, or it holds pickled objects and isn't trusted.
+        CommandError: There is none, it can't be loaded, or it would have to be trusted.
     """
     given = str(path)
     if path.is_dir():
@@ -163,5 +204,7 @@ def load(path: Path, trust: bool = False) -> Policy:
             return foreign.load(path, given)
     # Built once to meet errors now rather than in the middle of a benchmark.
     _parts.cache_clear()
-    _, _, description = _parts(path, old)
-    return Policy(given, description.description, partial(build, path, old=old))
+    description = _parts(path, old).description
+    # Whether code that it corrects gives the same again isn't known.
+    sure = ":" not in (description.residual or {}).get("policy", "")
+    return Policy(given, description.description, partial(build, path, find, old=old, trust=trust), sure)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import NamedTuple
 
+from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.scenario import Scenario
 
@@ -19,3 +20,5 @@ class Episode(NamedTuple):
     scenario_name: str
     scenario: Scenario
     seed: int
+    wrapping: Wrapping = PLAIN
+    """What stands around the environments."""

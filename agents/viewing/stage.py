@@ -12,6 +12,7 @@ import pygame
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import decide
 from uwoc_gym.agents.viewing.episode import Episode
+from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.rendering import ACCENTS, Colour, Renderer, text_image
@@ -22,11 +23,20 @@ from uwoc_gym.spaces import SMALLEST_FRAME
 class Pilot:
     """One policy in an environment of its own, with its picture."""
 
-    def __init__(self, policy: Policy, scenario: Scenario, size: tuple[int, int], accent: Colour) -> None:
+    def __init__(
+        self,
+        policy: Policy,
+        scenario: Scenario,
+        size: tuple[int, int],
+        accent: Colour,
+        wrapping: Wrapping = PLAIN,
+    ) -> None:
         self._policy = policy
         self._predictor = policy.pilot(scenario)
         self.env = TrackingEnv(scenario=scenario)
-        self._width = len(scenario.actions)
+        self._wrapping = wrapping
+        self._seen = wrapping.around(self.env)
+        self._width = math.prod(self._seen.action_space.shape or ())
         self._memory: Any = None
         self._begun = True
         self._observation: Any = None
@@ -36,7 +46,8 @@ class Pilot:
 
     def reset(self, seed: int, title: str) -> None:
         """Begin the episode of a seed."""
-        self._observation, _ = self.env.reset(seed=seed)
+        with self._wrapping.blamed():
+            self._observation, _ = self._seen.reset(seed=seed)
         self._memory, self._begun, self.ended, self.time_s = None, True, False, 0.0
         self.renderer.title = title
         self.renderer.begin(self.env.state(), self.env.parameters())
@@ -49,7 +60,8 @@ class Pilot:
             self._policy, self._predictor, self._observation[None], self._memory, np.array([self._begun]), self._width
         )
         self._begun = False
-        self._observation, _, terminated, truncated, _ = self.env.step(actions[0])
+        with self._wrapping.blamed():
+            self._observation, _, terminated, truncated, _ = self._seen.step(actions[0])
         state = self.env.state()
         self.time_s = state["time_s"]
         self.renderer.record(state)
@@ -82,7 +94,7 @@ class Stage:
                 f"{SMALLEST_FRAME[0]}x{SMALLEST_FRAME[1]}."
             )
         self.pilots = [
-            Pilot(policy, episode.scenario, cell.size, ACCENTS[i % len(ACCENTS)])
+            Pilot(policy, episode.scenario, cell.size, ACCENTS[i % len(ACCENTS)], episode.wrapping)
             for i, (policy, cell) in enumerate(zip(episode.policies, self._cells, strict=True))
         ]
         self.reset(episode.seed)

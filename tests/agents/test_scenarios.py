@@ -12,7 +12,7 @@ from uwoc_gym import Pulse, Scenario
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.learning.plans import Wish, planned
-from uwoc_gym.agents.scenarios import said
+from uwoc_gym.agents.scenarios import changes_of, differences, said
 
 RANDOM = Scenario.named("Random")
 SHORT = {"episode": {"duration_s": 5.0}}
@@ -81,16 +81,56 @@ def test_a_file_that_says_too_little_is_refused(data: Any, words: list[str], tmp
         assert word in str(caught.value)
 
 
+def test_paths_and_values_are_changes_too(tmp_path: Path) -> None:
+    words = ["sea.pulses[*].force_x_n*=0.1", "ship[*].speed_mps=1.0", "episode.duration_s = 58"]
+    changes = {"sea.pulses[*].force_x_n *=": 0.1, "ship[*].speed_mps": 1.0, "episode.duration_s": 58}
+    assert changes_of(words) == (changes,)
+    assert said("Random", words).scenario == RANDOM.merged(changes)
+    # A file and JSON go before and after; those that follow each other hold together.
+    file = _file(tmp_path, {"depth_m": 2.0})
+    mixed = ["depth_m=3", file, "depth_m *=2", '{"depth_m *=": 0.5}']
+    assert changes_of(mixed) == ({"depth_m": 3}, {"depth_m": 2.0}, {"depth_m *=": 2}, {"depth_m *=": 0.5})
+    assert said("Random", mixed).scenario.depth_m == 2.0
+    kinds = ['ship={"kind": "circle"}', "action=surge-yaw", "vehicle.mass_scale=[0.9, 1.1]", "ship.turn=port"]
+    found = said("Random", kinds).scenario
+    assert (found.action, found.vehicle.mass_scale, found.ship.turn) == ("surge-yaw", (0.9, 1.1), "port")  # type: ignore[union-attr]
+    assert said("Random", ["start.x_m=50", "episode.lost_distance_m=100"]).scenario.start.x_m == 50.0
+
+
+def test_what_settings_train_on_is_scaled_too() -> None:
+    plan = planned(Wish(override=("sea.pulses[*].force_x_n*=0.1", "vehicle.mass_scale*=2")))
+    assert plan.task is not None
+    assert plan.practice is not None
+    for scenario in (plan.task, plan.practice):
+        assert [each.force_x_n for each in scenario.sea.pulses] == [(-100.0, 100.0)] * 2
+        assert scenario.vehicle.mass_scale == (1.6, 2.4)
+    assert differences(plan.practice, plan.task)[0] == "sea.pulses[0].start_s: [2.0, 11.0] -> [5.0, 30.0]"
+    assert "episode.duration_s: 12.0 -> 60.0" in differences(plan.practice, plan.task)
+    less = differences(plan.practice, plan.task.merged({"sea": {"pulses": []}, "ship": {"kind": "straight"}}))
+    assert 'sea.pulses[0].frame: "body" -> none' in less
+    assert 'ship.kind: none -> "straight"' in less
+
+
+@pytest.mark.parametrize("given", ["random", "RANDOM", "uwoc/random-v0", "UWOC/Random-V0"])
+def test_case_does_not_matter(given: str) -> None:
+    assert said(given) == said("Random")
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
+        (["depth_m=1", "depth_m=2"], "'depth_m' is given twice"),
+        (["depth_m=deep"], "Scenario.depth_m = 'deep'"),
+        (["sea.pulses[4].force_x_n=1"], "Sea.pulses[4] is not there"),
+        (["=3"], "Scenario has no setting ''"),
+        (["nlpd"], "can't be read"),
         ("missing.json", "can't be read"),
         ("{", "isn't valid JSON"),
         ('{"episod": {}}', "did you mean 'episode'?"),
         ('{"episode": {"duration_s": -1}}', "duration_s = -1"),
     ],
 )
-def test_an_override_that_is_not_allowed_is_named(override: str, words: str) -> None:
+def test_an_override_that_is_not_allowed_is_named(override: str | list[str], words: str) -> None:
     with pytest.raises(CommandError, match="--override: ") as caught:
         said("Random", override)
     assert words in str(caught.value)
@@ -135,8 +175,8 @@ def test_a_training_is_planned_in_what_is_said(tmp_path: Path) -> None:
 
 def test_changes_go_before_those_of_the_settings(tmp_path: Path) -> None:
     told = [
-        Wish(override=json.dumps(SHORT)),
-        Wish(scenario="Random", override=json.dumps(SHORT)),
+        Wish(override=(json.dumps(SHORT),)),
+        Wish(scenario="Random", override=(json.dumps(SHORT),)),
         Wish(scenario=_file(tmp_path, {"base": "Random", **SHORT})),
     ]
     for plan in map(planned, told):

@@ -105,11 +105,11 @@ def test_interrupt_keeps_finished_episodes(
 ) -> None:
     real, calls = benchmark.fly, []
 
-    def fly(*args: Any) -> Any:
+    def fly(*args: Any, **options: Any) -> Any:
         calls.append(args)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return real(*args)
+        return real(*args, **options)
 
     monkeypatch.setattr(benchmark, "fly", fly)
     out = tmp_path / "out"
@@ -124,7 +124,7 @@ def test_interrupt_keeps_finished_episodes(
 def test_an_interrupt_before_anything_is_finished(
     scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fly(*args: Any) -> Any:
+    def fly(*args: Any, **options: Any) -> Any:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(benchmark, "fly", fly)

@@ -38,7 +38,7 @@ from uwoc_gym.agents.cli import main
         (["--env", "CartPole-v1", "--override", "{}"], ["--override", "'CartPole-v1'"]),
         (["--residual", "nlpdd"], ["residual = 'nlpdd'", "did you mean 'nlpd'?"]),
         (["--residual", "nlpd", "--scale", "3"], ["--scale: '3'", "to 2.0"]),
-        (["--eval-episodes", "65"], ["--eval-episodes: '65'", "from 2 to 64"]),
+        (["--eval-episodes", "100001"], ["--eval-episodes: '100001'", "from 2 to 100_000"]),
         (["--seed", "4000"], ["--seed: '4000'", "3_999"]),
         (["--resume"], ["--resume", "no run in"]),
         (["--out", f"{__file__}/out"], ["--out", "folder"]),

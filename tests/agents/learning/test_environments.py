@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-import gymnasium as gym
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
+import pytest
+
+from uwoc_gym import Scenario, TrackingEnv
+from uwoc_gym.agents.cli import main
+from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import environments
+from uwoc_gym.agents.learning.plans import Wish, planned
+from uwoc_gym.agents.learning.seeds import VALIDATION
+from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.sb3 import TrackingVecEnv
 
 
@@ -17,9 +29,79 @@ def test_ids_of_others_over_our_fleet_use_it() -> None:
         kwargs={"scenario_name": "Random", "control_period_s": 0.1},
     )
     try:
-        scenario = environments.base_scenario(name)
+        scenario, fleet = environments.base_of(name)
+        assert fleet
         assert scenario is not None
         assert scenario.episode.control_period_s == 0.1
         assert isinstance(environments.make_base(name, 2, scenario, {}), TrackingVecEnv)
     finally:
         del gym.registry[name]
+
+
+def late(scenario: Any = "Random", delay: int = 1, **options: Any) -> gym.Env[Any, Any]:
+    """A user's environment: ours in a wrapper."""
+    return gym.wrappers.DelayObservation(TrackingEnv(scenario=scenario, **options), delay)
+
+
+def stubborn(**_: Any) -> gym.Env[Any, Any]:
+    """One that takes no scenario."""
+    return gym.wrappers.NormalizeReward(TrackingEnv(scenario="Nominal"))
+
+
+def stacked(**options: Any) -> gym.Env[Any, Any]:
+    """One whose observations aren't ours."""
+    return gym.wrappers.FlattenObservation(gym.wrappers.FrameStackObservation(TrackingEnv(**options), 2))
+
+
+@pytest.fixture
+def ids() -> Iterator[None]:
+    made = {"Late-v0": late, "Stubborn-v0": stubborn, "Stacked-v0": stacked}
+    for name, entry in made.items():
+        gym.register(name, entry)
+    yield
+    for name in made:
+        del gym.registry[name]
+
+
+SMALL = ["--steps", "64", "--envs", "4", "--set", "n_steps=16", "--set", "batch_size=32", "--eval-episodes", "2"]
+
+
+@pytest.mark.usefixtures("ids")
+def test_wrapped_ids_of_others_keep_override_and_residual(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    brief = ["--override", "episode.duration_s=1", "vehicle.mass_scale *=1.5"]
+    more = ["--residual", "nlpd", "--set", "env_kwargs.delay=2", "--out", str(out)]
+    assert main(["train", "--env", "Late-v0", *SMALL, *brief, *more]) == 0
+    results = json.loads((out / "results.json").read_text())
+    scenario = Scenario.named("Random").merged({"episode.duration_s": 1.0, "vehicle.mass_scale *=": 1.5})
+    assert results["scenario"] == scenario.to_dict()
+    assert results["scenarios"] == {"evaluation": scenario.digest(), "training": scenario.digest()}
+    # It is scored as it was trained, with the ID's delay; and so are the controllers beside it.
+    plan = planned(Wish(), json.loads((out / "run.json").read_text()))
+    for policy, scored in ((load(str(out)), results["best"]), (load("pd"), results["baselines"]["pd"])):
+        flown = fly(policy, scenario, VALIDATION[:2], wrapping=plan.wrapping).metrics.return_.mean()
+        assert flown == pytest.approx(scored["return"]["mean"], abs=1e-6)
+    plain = fly(load("pd"), scenario, VALIDATION[:2]).metrics.return_.mean()
+    assert plain != pytest.approx(results["baselines"]["pd"]["return"]["mean"], abs=1e-3)
+    assert main(["train", "--resume", "--out", str(out)]) == 0
+
+
+@pytest.mark.usefixtures("ids")
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--env", "Stubborn-v0", "--override", "episode.duration_s=1"], "it must hand scenario= on to TrackingEnv"),
+        (["--env", "Stacked-v0", "--override", "episode.duration_s=1"], "so that there is no scenario"),
+        (["--env", "Stacked-v0", "--residual", "pd"], "no policy that is corrected knows what it sees"),
+        (["--env", "CartPole-v1", "--residual", "pd"], "no policy that is corrected knows what it sees"),
+        (["--env", "Late-v0", "--wrapper", "gymnasium.wrappers.vector:ClipAction"], "goes around vector environments"),
+    ],
+)
+def test_what_means_nothing_to_an_id_is_refused_with_the_reason(
+    words: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["train", *words, "--out", str(tmp_path / "run")]) == 1
+    error = capsys.readouterr().err
+    assert reason in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "run").exists()

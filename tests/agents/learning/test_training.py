@@ -80,6 +80,64 @@ def test_every_algorithm_trains_and_flies(algorithm: str, tmp_path: Path, capsys
         assert flight.metrics.return_.mean() == pytest.approx(results["best"]["return"]["mean"], abs=1e-6)
 
 
+def test_what_will_be_done_is_said_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main(_command("ppo", out, "--eval-every", "100", steps=200)) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == (
+        "uwoc-gym train: PPO on uwoc/Random-v0: 256 steps (200 asked for; they come in lots of 64), in 4 environments; "
+        "3 validations of 2 episodes"
+    )
+    assert "trained -> scored" in said[1]
+    assert said[2:4] == [
+        "  sea.pulses[0].start_s: [2.0, 11.0] -> [5.0, 30.0]", "  sea.pulses[1].start_s: [2.0, 11.0] -> [30.0, 55.0]",
+    ]  # fmt: skip
+    assert [each["steps"] for each in _results(out)["evaluations"]] == [0, 128, 256]
+    # Without a practice of the settings' own there is nothing to tell apart.
+    assert main(_command("ppo", tmp_path / "same", "--set", "env_kwargs.scenario={}", steps=64)) == 0
+    assert "trained -> scored" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize(("every", "steps"), [(10, 256), (64, 256), (100, 300), (1000, 130)])
+def test_the_validations_that_are_foretold_are_made(algorithm: str, every: int, steps: int, tmp_path: Path) -> None:
+    made = training.Run(_planned(algorithm, every, steps), tmp_path, "")
+    lot = training.rollout(made.model, made.kind.off_policy)
+    assert lot == (64 if algorithm == "ppo" else 32)
+    ahead = training.forecast(steps, 0, lot, every, None)
+    flown: list[int] = []
+    made.evaluate = lambda: flown.append(made.model.num_timesteps) or _scored(made)  # type: ignore[method-assign, func-returns-value]
+    made.checkpoint = lambda: None  # type: ignore[method-assign]
+    made.train(bar=False)
+    assert (made.model.num_timesteps, len(flown)) == ahead
+
+
+def _planned(algorithm: str, every: int, steps: int) -> plans.Plan:
+    wish = Wish(
+        algorithm=algorithm, override=(SHORT,), steps=steps, envs=4, set=tuple(SMALL[algorithm]), eval_every=every,
+        eval_episodes=2,
+    )  # fmt: skip
+    return plans.planned(wish)
+
+
+def _scored(made: training.Run) -> dict[str, Any]:
+    found = {"steps": made.model.num_timesteps, "return": {"mean": 0.0}}
+    made.progress.evaluations.append(found)
+    return found
+
+
+def test_more_validations_than_usual_can_be_asked_for(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert main([*_command("ppo", out, steps=64), "--eval-episodes", "210", "--eval-every", "64"]) == 0
+    results = _results(out)
+    assert results["validation_seeds"] == [100_000, 100_209]
+    own = load(str(out))
+    flown = fly(own, SCENARIO, seeds.ALL_VALIDATION[:210]).metrics.return_
+    assert flown.mean() == pytest.approx(results["best"]["return"]["mean"], abs=1e-6)
+
+
 def test_a_settings_file_that_a_run_has_written_trains_again(tmp_path: Path) -> None:
     assert main(_command("ppo", tmp_path / "a")) == 0
     out = tmp_path / "b"
@@ -326,7 +384,7 @@ def test_a_folder_of_another_run_is_refused(tmp_path: Path, capsys: pytest.Captu
 @pytest.mark.parametrize("algorithm", ["ppo", "td3"])
 def test_a_wish_is_planned_as_it_is_recorded_and_says_its_command(algorithm: str, tmp_path: Path) -> None:
     wish = Wish(
-        algorithm=algorithm, override=SHORT, steps=64, envs=2, set=tuple(SMALL[algorithm]), seed=3, eval_episodes=2
+        algorithm=algorithm, override=(SHORT,), steps=64, envs=2, set=tuple(SMALL[algorithm]), seed=3, eval_episodes=2
     )
     job = plans.Job(wish, tmp_path / "run")
     assert main(["train", *wish.words(), "--out", str(job.folder)]) == 0
