@@ -8,7 +8,7 @@ with the errors η̃ = η_ref − η and ν̃ = η̇_ref − η̇ in the earth f
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ import numpy.typing as npt
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
 from uwoc_gym.baselines.law import Law, several
-from uwoc_gym.baselines.observers import CarriedFixes, Observer
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.scenario import Scenario
 
@@ -51,7 +50,7 @@ class Controller(Law):
 
     Args:
         gains: A gain set or the name of one; or a sequence of N of them, one for each of N observations.
-        scenario, late: As in `Law`.
+        scenario, filtered: As in `Law`.
 
     Raises:
         SettingError: There is no gain set or scenario of that name, or the scenario's observations leave out what the
@@ -62,7 +61,7 @@ class Controller(Law):
         self,
         gains: str | Gains | Sequence[str | Gains],
         scenario: str | Scenario = "Nominal",
-        late: Callable[[Scenario], Observer] = CarriedFixes,
+        filtered: bool = False,
     ) -> None:
         given = several(gains)
         if not given or not all(isinstance(each, (str, Gains)) for each in given):
@@ -79,7 +78,7 @@ class Controller(Law):
         needed = dict.fromkeys(("ship", "velocity", "heading"), "")
         if self._informed.any():
             needed["ship-acceleration"] = " or a gain set without feedforward"
-        super().__init__(scenario, late, needed)
+        super().__init__(scenario, filtered, needed)
 
     def force_for(self, seen: Any) -> Array:
         """See `Law.force_for`."""
@@ -105,6 +104,10 @@ class Controller(Law):
         ship = velocity + seen.relative_velocity
         rate = velocity[..., 2]
         turning = np.stack([-rate * ship[..., 1], rate * ship[..., 0], np.zeros_like(rate)], axis=-1)
+        if seen.water_velocity is not None:
+            # Only what moves through the water is held back by it.
+            water = np.concatenate([seen.water_velocity, np.zeros_like(rate)[..., None]], axis=-1)
+            velocity, ship = velocity - water, ship - water
         model = self.vehicle
         resistance = model.coriolis_force(velocity, ship) + model.damping(velocity) * ship
         result: Array = self._inertia * (seen.ship_acceleration - turning) + resistance

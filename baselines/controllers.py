@@ -18,11 +18,19 @@ _DESCRIPTIONS = {
     "nlpd-tuned": "the NLPD law with gains searched for the return in Random",
 }
 
-_LOS = "line-of-sight guidance, gains searched for the return in Underactuated"
-
 CONTROLLERS: dict[str, Policy] = {
-    name: Policy(name, description, partial(Controller, name)) for name, description in _DESCRIPTIONS.items()
-} | {"los": Policy("los", _LOS, partial(Guidance, GuidanceGains()))}
+    **{name: Policy(name, description, partial(Controller, name)) for name, description in _DESCRIPTIONS.items()},
+    "ekf-nlpd": Policy(
+        "ekf-nlpd",
+        "nlpd-tuned behind filters for the current and for late fixes",
+        partial(Controller, "nlpd-tuned", filtered=True),
+    ),
+    "los": Policy(
+        "los",
+        "line-of-sight guidance behind the same filters, gains searched for the return in Underactuated",
+        partial(Guidance, GuidanceGains()),
+    ),
+}
 """The controllers, as policies that can be made for any scenario."""
 
 

@@ -9,19 +9,17 @@ Hydrodynamics and Motion Control", sec. 12.3 to 12.5.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.baselines.current_filter import CurrentFilter
 from uwoc_gym.baselines.law import Law, several
-from uwoc_gym.baselines.observers import CarriedFixes, Observer, in_turn
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.parameters import Parameters, number
-from uwoc_gym.scenario import Scenario, as_scenario
+from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
 
@@ -58,7 +56,7 @@ class Guidance(Law):
 
     Args:
         gains: A gain set, or a sequence of N of them, one for each of N observations.
-        scenario, late: As in `Law`.
+        scenario, filtered: As in `Law`.
 
     Raises:
         SettingError: As in `Law`, or ``gains`` is something else.
@@ -68,7 +66,7 @@ class Guidance(Law):
         self,
         gains: GuidanceGains | Sequence[GuidanceGains],
         scenario: str | Scenario = "Nominal",
-        late: Callable[[Scenario], Observer] = CarriedFixes,
+        filtered: bool = True,
     ) -> None:
         given = several(gains)
         if not given or not all(isinstance(each, GuidanceGains) for each in given):
@@ -78,10 +76,7 @@ class Guidance(Law):
             name: np.array([getattr(each, name) for each in given])[0 if one else slice(None)]
             for name in GuidanceGains.specs()
         }
-        chosen = as_scenario(scenario)
-        super().__init__(chosen, late, dict.fromkeys(("ship", "velocity", "ship-acceleration"), ""))
-        if all(group in chosen.observation.groups for group in CurrentFilter.needed):
-            self._observe = in_turn(self._observe, CurrentFilter(chosen))
+        super().__init__(scenario, filtered, dict.fromkeys(("ship", "velocity", "ship-acceleration"), ""))
 
     def force_for(self, seen: Any) -> Array:
         """See `Law.force_for`; axes give way to a turn within the actuators' limits."""

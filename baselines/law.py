@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.baselines.observers import Memory, Observer, as_seen
+from uwoc_gym.baselines.current_filter import CurrentFilter
+from uwoc_gym.baselines.observers import CarriedFixes, Memory, Observer, as_seen, in_turn
+from uwoc_gym.baselines.tracker import ShipTracker
 from uwoc_gym.given import SettingError
 from uwoc_gym.scenario import Scenario, as_scenario
 from uwoc_gym.task.action import AXES
@@ -25,7 +27,8 @@ class Law:
     Args:
         scenario: The scenario, or the name of one, that gives the vehicle's nominal model, the actuators' limits and
             the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
-        late: Makes the observer before the law where the ship is known by late fixes alone.
+        filtered: Whether the law flies behind filters: a `CurrentFilter`, where what that needs is observed, and a
+            `ShipTracker`, where the ship is known by fixes alone. Without, `CarriedFixes` stands in for the latter.
         needed: Groups that the law needs where the ship is observed at all times, each with what would do without it,
             or nothing.
 
@@ -33,9 +36,7 @@ class Law:
         SettingError: There is no scenario of that name, or its observations leave out what the law needs.
     """
 
-    def __init__(
-        self, scenario: str | Scenario, late: Callable[[Scenario], Observer], needed: Mapping[str, str]
-    ) -> None:
+    def __init__(self, scenario: str | Scenario, filtered: bool, needed: Mapping[str, str]) -> None:
         chosen = as_scenario(scenario)
         groups = chosen.observation.groups
         is_late = chosen.observation.fixes and "ship" not in groups
@@ -50,7 +51,11 @@ class Law:
         self.observation_settings = chosen.observation
         self._inertia = self.vehicle.inertia
         self._axes = list(AXES[chosen.action])
-        self._observe: Observer = late(chosen) if is_late else as_seen
+        self._observe: Observer = as_seen
+        if is_late:
+            self._observe = ShipTracker(chosen) if filtered else CarriedFixes(chosen)
+        if filtered and all(group in groups for group in CurrentFilter.needed):
+            self._observe = in_turn(self._observe, CurrentFilter(chosen))
 
     def force_for(self, seen: Measured) -> Array:
         """The force that the law asks for, before the actuators' limits.

@@ -37,13 +37,14 @@ def in_turn(first: Observer, second: Observer) -> Observer:
     """Two observers, the second of which sees what the first has completed."""
 
     def both(seen: Measured, memory: Any, begun: npt.NDArray[np.bool_] | None) -> tuple[Measured, Memory]:
-        # How many arrays the first one remembers stands before them, so that a memory stays a tuple of arrays.
+        # How many arrays the first one remembers stands before them, so that a memory stays a tuple of arrays (N, ...).
         count = 0 if memory is None else int(memory[0][0])
         before = (None, None) if memory is None else (memory[1 : 1 + count] or None, memory[1 + count :])
-        seen, own = first(seen, before[0], begun)
-        seen, others = second(seen, before[1], begun)
+        known: Any
+        known, own = first(seen, before[0], begun)
+        known, others = second(known, before[1], begun)
         kept = own or ()
-        return seen, (np.array([len(kept)]), *kept, *(others or ()))
+        return known, (np.full(len(known.velocity), len(kept)), *kept, *(others or ()))
 
     return both
 

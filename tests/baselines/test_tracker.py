@@ -92,7 +92,7 @@ def test_weights_find_out_how_a_ship_sails() -> None:
 
 def test_behind_it_a_law_is_far_ahead_of_the_same_law_on_carried_fixes() -> None:
     scenario = Scenario.named("LateFix")
-    behind = Policy("behind", "", lambda known: Controller("nlpd-tuned", known, ShipTracker))
+    behind = Policy("behind", "", lambda known: Controller("nlpd-tuned", known, filtered=True))
     plain = Policy("plain", "", lambda known: Controller("nlpd-tuned", known))
     returns = [fly(policy, scenario, range(16)).metrics.return_.mean() for policy in (behind, plain)]
     assert returns[0] > 900.0
