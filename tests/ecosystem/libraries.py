@@ -21,7 +21,15 @@ class Library(NamedTuple):
 LIBRARIES: dict[str, Library] = {
     "gymnasium": Library(
         "Gymnasium",
-        ("gymnasium>=1.2", "array-api-compat", "opencv-python-headless", "pygame", "moviepy", "imageio-ffmpeg"),
+        (
+            "gymnasium>=1.2",
+            "array-api-compat",
+            "packaging",
+            "imageio-ffmpeg",
+            "moviepy",
+            "opencv-python-headless",
+            "pygame",
+        ),
         ("gymnasium",),
     ),
     "stable_baselines3": Library(

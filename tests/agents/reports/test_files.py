@@ -47,3 +47,18 @@ def test_results_name_their_scenarios_by_digest(tmp_path: Path) -> None:
     assert found["command"] == "uwoc-gym x"
     assert found["versions"]["numba"]
     assert found["score"] is None
+
+
+def test_a_folder_is_whole_or_not_there(tmp_path: Path) -> None:
+    target = tmp_path / "deep" / "data"
+    with pytest.raises(OSError, match="full"), files.whole_folder(target) as part:
+        (part / "half").write_text("half")
+        raise OSError("full")
+    assert list(tmp_path.iterdir()) == []
+    with files.whole_folder(target) as part:
+        (part / "all").write_text("all")
+        assert not target.exists()
+    assert [path.name for path in target.parent.rglob("*")] == ["data", "all"]
+    with pytest.raises(OSError, match="not empty"), files.whole_folder(target) as part:
+        (part / "other").write_text("other")
+    assert [path.name for path in target.parent.rglob("*")] == ["data", "all"]
