@@ -51,14 +51,18 @@ def test_results_name_their_scenarios_by_digest(tmp_path: Path) -> None:
 
 def test_a_folder_is_whole_or_not_there(tmp_path: Path) -> None:
     target = tmp_path / "deep" / "data"
-    with pytest.raises(OSError, match="full"), files.whole_folder(target) as part:
-        (part / "half").write_text("half")
-        raise OSError("full")
+
+    def fill(name: str, full: bool = False) -> None:
+        with files.whole_folder(target) as part:
+            (part / name).write_text(name)
+            if full:
+                raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        fill("half", full=True)
     assert list(tmp_path.iterdir()) == []
-    with files.whole_folder(target) as part:
-        (part / "all").write_text("all")
-        assert not target.exists()
+    fill("all")
     assert [path.name for path in target.parent.rglob("*")] == ["data", "all"]
-    with pytest.raises(OSError, match="not empty"), files.whole_folder(target) as part:
-        (part / "other").write_text("other")
+    with pytest.raises(OSError, match="not empty"):
+        fill("other")
     assert [path.name for path in target.parent.rglob("*")] == ["data", "all"]
