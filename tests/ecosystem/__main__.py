@@ -7,7 +7,9 @@ leaves what is known of the others.
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
+import platform
 import re
 import subprocess
 import sys
@@ -76,7 +78,7 @@ def tried(name: str, library: Library, work: Path) -> dict[str, Any]:
         install(library, work / name)
     except subprocess.CalledProcessError as error:
         said = (error.stderr or error.stdout or "").strip().splitlines()[-1:]
-        return {"versions": {}, "checks": [check("pip install", "fails", " ".join(said))]}
+        return {"date": "", "versions": {}, "checks": [check("pip install", "fails", " ".join(said))]}
     log = work / f"{name}.log"
     with tempfile.TemporaryDirectory() as folder, log.open("w", encoding="utf-8") as errors:
         script = HERE / f"with_{name}.py"
@@ -86,7 +88,8 @@ def tried(name: str, library: Library, work: Path) -> dict[str, Any]:
     checks = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"what"')]
     if done.returncode not in (0, 1) or not checks:
         checks.append(check("the whole script", "fails", f"ended with status {done.returncode}, see {log}"))
-    return {"versions": versions(python, ("gymnasium", *library.shown)), "checks": checks}
+    found = versions(python, ("gymnasium", "torch", *library.shown))
+    return {"date": datetime.date.today().isoformat(), "versions": found, "checks": checks}
 
 
 def check(what: str, result: str, remark: str) -> dict[str, str]:
@@ -128,7 +131,11 @@ def versions(python: Path, names: tuple[str, ...]) -> dict[str, str]:
 
 def page(results: dict[str, Any]) -> str:
     """The page, from what is known of all libraries."""
-    return "\n".join([HEAD, *table(results), "", *left_out(results), TAIL])
+    dates = [own.get("date", "") for own in results.values()]
+    torches = {own["versions"].get("torch", "").partition("+")[0] for own in results.values()} - {""}
+    with_what = f"Python {platform.python_version()} and PyTorch {', '.join(sorted(torches))}"
+    tried_on = f"Last tried on {max(dates)}, with {with_what}.\n"
+    return "\n".join([HEAD, tried_on, *table(results), "", *left_out(results), TAIL])
 
 
 def table(results: dict[str, Any]) -> Iterator[str]:

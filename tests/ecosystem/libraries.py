@@ -40,8 +40,8 @@ LIBRARIES: dict[str, Library] = {
     "torchrl": Library("TorchRL", ("torchrl",), ("torchrl",)),
     "tianshou": Library("Tianshou", ("tianshou",), ("tianshou",)),
     "skrl": Library("skrl", ("skrl[torch]",), ("skrl",)),
-    "agilerl": Library("AgileRL", ("agilerl",), ("agilerl",)),
-    "rllib": Library("RLlib", ("ray[rllib]",), ("ray",)),
+    "agilerl": Library("AgileRL", ("agilerl", "peft"), ("agilerl",)),
+    "rllib": Library("RLlib", ("ray[rllib]",), ("ray",), remark="asks for gymnasium==1.2.2"),
     "d3rlpy": Library(
         "d3rlpy",
         ("d3rlpy", "minari[hdf5]", "pillow", "tqdm"),

@@ -32,7 +32,8 @@ def off_policy() -> None:
     """train_off_policy of a TD3 agent, 200 steps on TrackingVectorEnv of 4."""
     torch.manual_seed(0)
     env = gym.make_vec(ID, num_envs=4, max_episode_steps=20)
-    agents = [TD3(env.single_observation_space, env.single_action_space, batch_size=32, learn_step=8)]
+    spaces = (env.single_observation_space, env.single_action_space)
+    agents = [TD3(*spaces, batch_size=32, learn_step=8, vect_noise_dim=4)]
     memory = ReplayBuffer(max_size=1000)
     train_off_policy(
         env, "tracking", "TD3", agents, memory, max_steps=200, evo_steps=100, eval_steps=20, eval_loop=1, verbose=False
