@@ -35,7 +35,7 @@ LIBRARIES: dict[str, Library] = {
     "stable_baselines3": Library(
         "Stable-Baselines3", ("stable-baselines3", "sb3-contrib"), ("stable-baselines3", "sb3-contrib")
     ),
-    "rl_zoo3": Library("rl-baselines3-zoo", ("rl_zoo3",), ("rl_zoo3",)),
+    "rl_zoo3": Library("rl-baselines3-zoo", ("rl_zoo3", "requests"), ("rl_zoo3",)),
     "minari": Library("Minari", ("minari[hdf5,create]", "pillow", "tqdm"), ("minari",)),
     "torchrl": Library("TorchRL", ("torchrl",), ("torchrl",)),
     "tianshou": Library("Tianshou", ("tianshou",), ("tianshou",)),
