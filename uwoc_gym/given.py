@@ -66,6 +66,8 @@ LIMITS: dict[str, Limit] = {
     "flown together": Limit(1, 30_000_000),
     # What an action of 1 adds to a controller's, as a share of the actuators' limits.
     "residual scale": Limit(1e-6, 2.0, whole=False),
+    # Standard deviation of what is added to actions, likewise.
+    "noise": Limit(0.0, 2.0, whole=False),
     # Of a network.
     "width of a layer": Limit(1, 8192),
     "layers": Limit(0, 32),

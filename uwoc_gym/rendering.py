@@ -656,6 +656,10 @@ _FONTS: dict[int, pygame.font.Font] = {}
 
 def text_image(text: str, pixels: int, colour: Colour) -> pygame.Surface:
     """A line of text in pygame's own font, which looks the same everywhere."""
+    if not _FONTS:
+        # Whoever calls pygame.quit(), as Gymnasium's HumanRendering does, ends them: to use one then ends the process.
+        pygame.font.init()
+        pygame.register_quit(_FONTS.clear)
     if pixels not in _FONTS:
         _FONTS[pixels] = pygame.font.Font(None, 3 * pixels)
     # Small letters are set unevenly; set large and shrunk they aren't.

@@ -361,3 +361,17 @@ def test_pulses_are_put_into_words():
     env.reset(seed=0)
     assert drawn_pulses(env.parameters()) == [(30.0, 31.0, "pulse: 1500 N, 1500 N, 1500 N m")]
     assert drawn_pulses({}) == []
+
+
+def test_pictures_outlive_pygames_end():
+    """In a process of its own, which a dead font would end."""
+    code = (
+        "import gymnasium as gym, numpy as np, pygame, uwoc_gym\n"
+        "env = gym.make('uwoc/Random-v0', render_mode='rgb_array', render_size=(320, 180))\n"
+        "env.reset(seed=0)\n"
+        "before = env.render()\n"
+        "for _ in range(2):\n"
+        "    pygame.quit()\n"
+        "    np.testing.assert_array_equal(env.render(), before)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
