@@ -191,7 +191,7 @@ def against_time(tracks: Sequence[Track], values: Sequence[Array], label: str, l
             axis.axhline(limit, **{**LIMIT, "linestyle": ((0, (4, 3)), ":")[k]}, label=name)
         axis.margins(x=0.0, y=0.08)
         _tidy(axis, "time [s]" if axis is not panels[0] else "", "" if axis is panels[2] else label)
-    _legend_above(figure, panels[0], 5)
+    _legend_above(figure, panels[0], 3)
     return figure
 
 
