@@ -144,25 +144,25 @@ def _fly_all(
     left = TimeLeft(
         [(policy.name, scenarios[name], batch) for name, policy, own in plan for batch in batches(own, args.batch)]
     )
-    total = sum(len(own) for *_, own in plan)
-    shown = "{percentage:3.0f} % |{bar}| {n_fmt}/{total_fmt} episodes, {elapsed} gone, {desc}"
-    with tqdm(total=total, bar_format=shown, file=sys.stderr, desc="compiling") as bar:
+    count, total = 0, sum(len(own) for *_, own in plan)
+    shown = "{percentage:3.0f} % |{bar}| {elapsed} gone, {desc}"
+    with tqdm(total=left.work, bar_format=shown, file=sys.stderr, desc="compiling") as bar:
         warm_up(scenarios, policies, min(args.batch, args.seeds))
         left.begin()
         for name, policy, own in plan:
             result = tables.Result(name, policy.name, [], len(own) < len(seeds))
             results.append(result)
             for batch in batches(own, args.batch):
-                bar.set_description_str(f"{left.words()}: {name}, {policy.name}")
+                bar.set_description_str(f"{left.words()}: {count} of {total} episodes, {name}, {policy.name}")
                 flight = fly(policy, scenarios[name], batch)
                 rows = flight.metrics.rows()
                 if episodes is not None:
                     episodes.append(name, policy.name, batch, rows)
                 result.rows.extend(rows)
                 flown.setdefault(name, {}).setdefault(policy.name, (batch[0], flight.series))
-                left.done()
-                bar.update(len(batch))
-        bar.set_description_str("done")
+                count += len(batch)
+                bar.update(left.done())
+        bar.set_description_str(f"done: {count} episodes")
 
 
 def warm_up(scenarios: Mapping[str, Scenario], policies: Sequence[Policy], episodes: int) -> None:
@@ -202,7 +202,9 @@ class TimeLeft:
         flights: Sequence[tuple[str, Scenario, Sequence[int]]],
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        self._work = [(policy, scenario.episode.steps * (_ALONE + len(seeds))) for policy, scenario, seeds in flights]
+        self._flights = [
+            (policy, scenario.episode.steps * (_ALONE + len(seeds))) for policy, scenario, seeds in flights
+        ]
         self._clock = clock
         self._seconds: list[float] = []
         self.begin()
@@ -211,17 +213,23 @@ class TimeLeft:
         """The first flight begins now."""
         self._at = self._clock()
 
-    def done(self) -> None:
-        """A flight has ended, and the next one begins."""
+    @property
+    def work(self) -> int:
+        """All there is to do."""
+        return sum(amount for _, amount in self._flights)
+
+    def done(self) -> int:
+        """A flight has ended, and the next one begins; returns how much work it was."""
         now = self._clock()
         self._seconds.append(now - self._at)
         self._at = now
+        return self._flights[len(self._seconds) - 1][1]
 
     def seconds(self) -> float | None:
         """What is left [s]; None before anything is known."""
         if not self._seconds:
             return None
-        done = list(zip(self._work, self._seconds, strict=False))
+        done = list(zip(self._flights, self._seconds, strict=False))
         work: dict[str, float] = {}
         taken: dict[str, float] = {}
         for (policy, amount), seconds in done:
@@ -230,7 +238,7 @@ class TimeLeft:
         usual = sum(taken.values()) / sum(work.values())
         return sum(
             amount * (taken[policy] / work[policy] if policy in work else usual)
-            for policy, amount in self._work[len(done) :]
+            for policy, amount in self._flights[len(done) :]
         )
 
     def words(self) -> str:
@@ -241,7 +249,7 @@ class TimeLeft:
         return f"about {seconds / 60.0:.0f} min left" if seconds >= 90.0 else f"about {seconds:.0f} s left"
 
 
-_ALONE = 60
+_ALONE = 500
 """How many more episodes cost as much as a control period of a batch does by itself."""
 
 
