@@ -6,7 +6,6 @@ import importlib.util
 import os
 import re
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -247,8 +246,9 @@ def test_every_line_for_the_shell_runs(desk: Path) -> None:
         if begins.startswith("source"):
             continue
         if begins == "uwoc-gym watch":
-            with subprocess.Popen([shutil.which(words[0]) or words[0], *words[1:]], cwd=desk, stderr=subprocess.PIPE,
-                                  env=os.environ | {"SDL_VIDEODRIVER": "dummy"}) as process:  # fmt: skip
+            command = [Path(sys.executable).with_name(words[0]), *words[1:]]
+            environment = os.environ | {"SDL_VIDEODRIVER": "dummy"}
+            with subprocess.Popen(command, cwd=desk, env=environment) as process:
                 with pytest.raises(subprocess.TimeoutExpired):
                     process.wait(20)
                 process.send_signal(signal.SIGINT)
