@@ -146,7 +146,8 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     - `render_mode`: "rgb_array" for pictures from `render()`, which need no display, or "human" for a window, which
       shows each step at its time. Both need pygame (extra `render`). Once the user has closed the window, the step
       under way and the first step of any later episode are truncated, so that loops run out; `close()` ends that.
-    - `render_size`: width and height of the pictures [px], by default (1280, 720).
+    - `render_size`: width and height of the pictures [px], by default (1280, 720); below 320 × 180 they are plain
+      pictures of cone, ship and AUV from above, for agents that learn from pixels.
     - `info_arrays`: whether the values of `info` are NumPy arrays of no dimension, as TorchRL's reader of `info` wants
       them, instead of plain numbers and flags, by default False: they cost a microsecond a step.
     - `scenario_digest`: the digest that the scenario should have, as a spec records it; a warning says if it hasn't.

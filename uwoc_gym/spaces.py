@@ -25,6 +25,9 @@ SMALLEST_FRAME, LARGEST_FRAME = (
     (int(width), int(height)) for width, height in zip(LIMITS["width"][:2], LIMITS["height"][:2], strict=True)
 )
 """Least and greatest width and height of a frame [px]."""
+SMALLEST_DETAILED = (320, 180)
+"""Least width and height of a frame with charts and words [px]; a smaller one is a plain picture of cone, ship and AUV.
+"""
 
 VectorSpace = spaces.Space[npt.NDArray[np.float32]]
 ScenarioLike = str | Scenario | Mapping[str, Any]

@@ -114,7 +114,7 @@ def replayed(folder: Path) -> Replay:
         raise CommandError(
             f"{str(folder)!r} was trained by {plan.algorithm}, which keeps no replay buffer; it must be one of {known}."
         )
-    if plan.gains is not None:
+    if plan.corrected is not None:
         raise CommandError(f"{str(folder)!r} corrects a controller: the actions it learned from aren't those applied.")
     last = checkpoints.newest(folder)
     if last is None:
