@@ -23,6 +23,7 @@ COMMANDS = {
         "evaluate",
         "train",
         "tune",
+        "dataset",
         "protocol",
         "calibrate",
         "reproduce",

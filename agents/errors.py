@@ -10,8 +10,10 @@ from uwoc_gym.given import SettingError
 
 EXTRAS = {
     "cmaes": "tune",
+    "h5py": "data",
     "imageio_ffmpeg": "render",
     "matplotlib": "benchmark",
+    "minari": "data",
     "optuna": "tune",
     "plotly": "render",
     "pygame": "render",

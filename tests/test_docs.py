@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 
@@ -70,3 +72,29 @@ def test_the_effect_that_is_added_from_nothing_works(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "6 passed" in done.stdout
+
+
+def test_what_is_learned_offline_flies(tmp_path: Path) -> None:
+    """The page's network, learned on a few short episodes only, and so not as good as there."""
+    pytest.importorskip("minari")
+    pytest.importorskip("torch")
+    page = (DOCS / "offline.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    commands = re.findall(r"^uwoc-gym (dataset .*|benchmark .*)$", page, re.MULTILINE)
+    assert code.count("EPOCHS = 30\n") == 1
+    (tmp_path / "clone.py").write_text(code.replace("EPOCHS = 30\n", "EPOCHS = 200\n"))
+    (tmp_path / "short.json").write_text('{"base": "Random", "episode": {"duration_s": 4.0}}')
+    environment = os.environ | {"MINARI_DATASETS_PATH": "datasets", "OMP_NUM_THREADS": "1"}
+
+    def run(*words: str) -> str:
+        command = [sys.executable, *words]
+        return subprocess.check_output(command, text=True, cwd=tmp_path, env=environment, timeout=600)
+
+    dataset, benchmark = (command.split() for command in commands)
+    run("-m", "uwoc_gym_command", *dataset, "--scenario", "short.json", "--episodes", "20")
+    assert "20 episodes, 1600 steps" in run("clone.py")
+    words = ["short.json" if word == "Random" else "5" if word == "200" else word for word in benchmark]
+    run("-m", "uwoc_gym_command", *words)
+    results = json.loads((tmp_path / "results/results.json").read_text(encoding="utf-8"))
+    expert, clone = (each["measures"]["return"]["mean"] for each in results["results"])
+    assert 0.7 * expert < clone

@@ -1,10 +1,22 @@
-"""The README: its tables are whole, and its picture of the rooms is true to the tree."""
+"""The README: its tables are whole, its picture of the rooms is true to the tree, and what it says to type runs."""
 
 from __future__ import annotations
 
+import importlib.util
+import os
 import re
-from collections.abc import Iterator
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uwoc_gym.agents import cli
+from uwoc_gym.agents.reports import cards, files, tables
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -71,3 +83,194 @@ i/, j/            rooms
     assert list(picture(told.strip("\n"))) == [
         "a/", "a/b.py", "a/c/", "a/c/d.py", "a/c/e.py", "a/c/f/", "a/g.py", "a/h.py", "i/", "j/",
     ]  # fmt: skip
+
+
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+PYTHON = [text for kind, text in BLOCKS if kind == "python"]
+LINES = [line.strip() for kind, text in BLOCKS if kind == "bash" for line in text.splitlines() if line.strip()]
+
+SHORT: dict[str, tuple[str, ...]] = {
+    "python3 -m venv .venv && .venv/bin/python -m pip install -q -c constraints.txt -e": (),
+    "source .venv/bin/activate": (),
+    "python -m rl_zoo3.train": ("--n-timesteps", "256", "-P", "--hyperparams", "n_steps:16", "n_envs:2"),
+    "uwoc-gym list": (),
+    "uwoc-gym train": (
+        "--steps", "256", "--set", "n_envs=4", "--set", "n_steps=32", "--set", "batch_size=32",
+        "--eval-every", "128", "--eval-episodes", "2",
+    ),
+    "uwoc-gym train --resume": (),
+    "uwoc-gym benchmark": ("--scenario", "Random", "--seeds", "2", "--override", '{"episode": {"duration_s": 5.0}}'),
+    # Controllers alone; trainings are in its own tests.
+    "uwoc-gym protocol": (
+        "--training-seeds", "0", "--scenario", "Random", "--seeds", "2",
+        "--override", '{"episode": {"duration_s": 5.0}}',
+    ),
+    "uwoc-gym watch": (),
+    "uwoc-gym record": ("--to", "28.2", "--size", "640x360"),
+    "uwoc-gym replay": ("--override", '{"episode": {"duration_s": 3.0}}'),
+    "uwoc-gym reproduce": (),
+}  # fmt: skip
+"""What is added to a line of the README, by how it begins, so that it runs in a test; the longest beginning counts."""
+
+LEFT: dict[str, tuple[str, ...]] = {
+    "uwoc-gym train": ("{out}/model.zip", "{out}/results.json", "{out}/settings.yaml", "{out}/curve.png"),
+    "uwoc-gym benchmark": (),
+    "uwoc-gym protocol": ("{out}/BENCHMARK.md", "{out}/results.json"),
+    "uwoc-gym record": ("pulse.mp4", "pulse.gif"),
+    "uwoc-gym replay": ("replay.html",),
+    "uwoc-gym reproduce": ("{out}/report.html", "{out}/report.md", "{out}/results.json"),
+}
+"""The files that a line leaves, by how it begins; {out} is what its --out says."""
+
+
+def _beginning(line: str, among: Mapping[str, object]) -> str | None:
+    """The longest of the beginnings that a line has."""
+    return max((each for each in among if line.startswith(each)), key=len, default=None)
+
+
+def test_every_line_for_the_shell_is_known_and_said_one_way() -> None:
+    assert len(LINES) > 14
+    for line in LINES:
+        assert _beginning(line, SHORT) is not None, line
+    # Once the environment is active, nothing is called by its path; before, everything is.
+    active = LINES.index("source .venv/bin/activate")
+    assert [line for line in LINES[:active] if line.startswith("uwoc-gym")] == []
+    setups = [line for line in LINES if line.startswith("python3 -m venv")]
+    assert [line for line in LINES[active + 1 :] if ".venv/bin" in line and line not in setups] == []
+    assert len(setups) == 2
+
+
+def _commands() -> Iterator[str]:
+    """Every command in the text and in the captions, outside blocks."""
+    text = re.sub(r"^```.*?^```", "", README, flags=re.DOTALL | re.MULTILINE)
+    for found in re.findall(r"`(uwoc-gym [^`]*)`", text):
+        yield " ".join(found.split())
+
+
+@pytest.mark.parametrize("command", sorted({*_commands()} | {line for line in LINES if line.startswith("uwoc-gym")}))
+def test_every_command_is_one(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its words are understood; what it would do is left out."""
+    ran = []
+    for module in cli.COMMANDS.values():
+        monkeypatch.setattr(module, "run", lambda args: ran.append(args) or 0)
+    words = shlex.split(command, comments=True)
+    if len(words) == 2:
+        assert words[1] in cli.COMMANDS
+    else:
+        assert cli.main(words[1:]) == 0
+        assert len(ran) == 1
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the README's lines and snippets find what they name."""
+    folder = tmp_path_factory.mktemp("readme")
+    (folder / "agents").symlink_to(ROOT / "agents")
+    (folder / "my_package").mkdir()
+    (folder / "my_package/__init__.py").write_text("")
+    (folder / "my_package/policies.py").write_text(
+        "from uwoc_gym.baselines import NLPDController\n\n\n"
+        "def make(scenario):\n    return NLPDController(scenario=scenario)\n"
+    )
+    return folder
+
+
+def _run(command: Sequence[str], desk: Path, **more: Any) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(desk), "OMP_NUM_THREADS": "1"}
+    return subprocess.run(
+        command, cwd=desk, env=environment, capture_output=True, text=True, check=False, timeout=900, **more
+    )
+
+
+def _shortened(snippet: str) -> str:
+    """A snippet that does what it says with less of it."""
+    return (
+        re.sub(r"learn\([\d_]+\)", "learn(64)", snippet)
+        .replace("n_envs=256", "n_envs=2")
+        .replace("n_steps=64, batch_size=2048", "n_steps=32, batch_size=32")
+        .replace("num_envs=256", "num_envs=4")
+        .replace("n_eval_episodes=10", "n_eval_episodes=1")
+    )
+
+
+def test_every_snippet_of_python_runs(desk: Path) -> None:
+    modules = ("stable_baselines3", "moviepy", "pygame")
+    for module in modules:
+        pytest.importorskip(module)
+    assert len(PYTHON) >= 6
+    for snippet in PYTHON:
+        if "name_scenario" in snippet:
+            # This one is a module, as the text says.
+            (desk / "my_project").mkdir()
+            (desk / "my_project/__init__.py").write_text(snippet)
+            snippet = 'import gymnasium as gym\ngym.make("my_project:uwoc/Heavy-v0").reset(seed=0)\n'
+        done = _run([sys.executable, "-c", _shortened(snippet)], desk)
+        assert done.returncode == 0, f"{snippet}\n{done.stderr}"
+        for expression, told in re.findall(r"^print\((.+)\)  # (.+)$", snippet, re.MULTILINE):
+            assert done.stdout.strip() == told, expression
+    assert (desk / "my_agent.zip").stat().st_size > 1000
+
+
+def test_the_snippet_that_records_leaves_a_video(desk: Path, video_facts: Callable[[Path], Any]) -> None:
+    pytest.importorskip("moviepy")
+    pytest.importorskip("pygame")
+    (snippet,) = (each for each in PYTHON if "RecordVideo" in each)
+    told = re.search(r"# writes (\S+)", snippet)
+    assert told
+    path = desk / told[1]
+    path.unlink(missing_ok=True)
+    done = _run([sys.executable, "-c", snippet], desk)
+    assert done.returncode == 0, done.stderr
+    assert video_facts(path).frames == 201
+
+
+@pytest.mark.long
+def test_every_line_for_the_shell_runs(desk: Path) -> None:
+    for needed in ("stable_baselines3", "pygame", "imageio_ffmpeg", "plotly", "matplotlib", "tqdm"):
+        pytest.importorskip(needed)
+    (agent,) = (each for each in PYTHON if "my_agent.zip" in each)
+    assert _run([sys.executable, "-c", _shortened(agent)], desk).returncode == 0
+    for line in LINES:
+        begins = _beginning(line, SHORT)
+        assert begins is not None
+        if begins.startswith("python3 -m venv"):
+            # What follows the installation; .ci/run runs the tests' line as it stands.
+            line = line.split(" && ")[-1].replace(".venv/bin/", "")
+            begins = "uwoc-gym benchmark"
+            if "pytest" in line:
+                continue
+        if "rl_zoo3" in line and importlib.util.find_spec("rl_zoo3") is None:
+            continue
+        words = [*shlex.split(line, comments=True), *SHORT[begins]]
+        if begins.startswith("source"):
+            continue
+        if begins == "uwoc-gym watch":
+            command = [Path(sys.executable).with_name(words[0]), *words[1:]]
+            environment = os.environ | {"SDL_VIDEODRIVER": "dummy"}
+            with subprocess.Popen(command, cwd=desk, env=environment) as process:
+                with pytest.raises(subprocess.TimeoutExpired):
+                    process.wait(20)
+                process.send_signal(signal.SIGINT)
+                assert process.wait(60) == 130
+            continue
+        done = _run(words, desk)
+        assert done.returncode == 0, f"{words}\n{done.stderr}"
+        out = words[words.index("--out") + 1] if "--out" in words else ""
+        left = [*LEFT.get(_beginning(line, LEFT) or "", ())]
+        if begins == "uwoc-gym benchmark" and out:
+            left = ["{out}/table.md", "{out}/results.json", "{out}/episodes.csv", "{out}/Random.png"]
+        for name in left:
+            assert (desk / name.format(out=out)).stat().st_size > 0, (words, name)
+
+
+def test_the_first_table_is_what_the_benchmark_found() -> None:
+    """The table of returns, and how many IDs each agent is ahead on, against the figures kept beside the agents."""
+    scores = files.read_json(cards.SCORES)
+    assert tables.grid(*tables.headline(scores["results"])) in README
+    first = next(line for line in README.splitlines() if line.startswith("|"))
+    assert first == tables.grid(*tables.headline(scores["results"])).splitlines()[0]
+    assert f"`{scores['command']}`" in README
+    for name in ("ppo", "ppo-residual", "td3"):
+        ahead = len(cards.standings(scores, name)["ahead"])
+        assert re.search(rf"`{name}` is ahead of `nlpd-tuned`\s+on\s+{ahead} of 7", " ".join(README.split())), name

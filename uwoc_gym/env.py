@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.given import as_numbers, shown
+from uwoc_gym.parameters import FlagSpec
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.sim import paper
 from uwoc_gym.sim.fleet import Autoreset, Fleet
@@ -28,6 +29,7 @@ from uwoc_gym.spaces import (
     episode_scenario,
     import_rendering,
     observation_space,
+    one_of,
 )
 
 Observation = npt.NDArray[np.float32]
@@ -144,7 +146,10 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     - `render_mode`: "rgb_array" for pictures from `render()`, which need no display, or "human" for a window, which
       shows each step at its time. Both need pygame (extra `render`). Once the user has closed the window, the step
       under way and the first step of any later episode are truncated, so that loops run out; `close()` ends that.
-    - `render_size`: width and height of the pictures [px], by default (1280, 720).
+    - `render_size`: width and height of the pictures [px], by default (1280, 720); below 320 × 180 they are plain
+      pictures of cone, ship and AUV from above, for agents that learn from pixels.
+    - `info_arrays`: whether the values of `info` are NumPy arrays of no dimension, as TorchRL's reader of `info` wants
+      them, instead of plain numbers and flags, by default False: they cost a microsecond a step.
     - `scenario_digest`: the digest that the scenario should have, as a spec records it; a warning says if it hasn't.
 
     ## Version History
@@ -168,6 +173,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         scenario_name: str = "Nominal",
         render_size: tuple[int, int] = FRAME,
         scenario_digest: str | None = None,
+        info_arrays: bool = False,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
@@ -181,6 +187,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         self.observation_space = observation_space(self.scenario)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.scenario.episode.control_period_s)}
         self._fleet = Fleet(self.scenario, 1, Autoreset.DISABLED)
+        self._info_arrays = FlagSpec().parse(info_arrays, "info_arrays")
         self._running = False
         self._action_shape = (len(self.scenario.actions),)
         self._observation_size = self.scenario.observation.size
@@ -268,7 +275,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         if terminated or truncated:
             self._running = False
             if self._fleet.diverged[0]:
-                info["diverged"] = True
+                info["diverged"] = np.array(True) if self._info_arrays else True
         return observation, values[_REWARD], terminated, truncated, info
 
     def _as_action(self, action: Any) -> Observation:
@@ -293,7 +300,7 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         """Keep at hand what every step needs of the fleet, until it is configured anew."""
         self._memory = self._fleet.memory
         self._measures: Callable[[], list[float]] = self._fleet.single.tolist
-        self._info = _info_maker(info_names(self._fleet.scenario))
+        self._info = _info_maker(info_names(self._fleet.scenario), self._info_arrays)
 
     def state(self) -> dict[str, Any]:
         """The true state by name.
@@ -305,15 +312,14 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
             step [N, N, N m]; ``bit_rate_bps``, ``snr``, ``ber``, ``range_m``, ``pointing_error_rad``, ``in_cone`` and
             the cone's ``slant_height_m``.
         """
-        values = {name: array[0] for name, array in self._fleet.state().items()}
-        return {name: value if np.ndim(value) else value.item() for name, value in values.items()}
+        return one_of(self._fleet.state(), 0)
 
     def parameters(self) -> dict[str, Any]:
         """What the present episode has drawn for each number and choice of the scenario, by its path.
 
         ``ship`` is the place of its path among the scenario's; of the others numbers are not a number, choices empty.
         """
-        return {path: values[0].item() for path, values in self._fleet.drawn().items()}
+        return one_of(self._fleet.drawn(), 0)
 
     def push(self, impulse: npt.ArrayLike) -> None:
         """Give the AUV a shove: change its velocity at once.
@@ -422,10 +428,14 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
 
 
 @lru_cache
-def _info_maker(names: tuple[str, ...]) -> Callable[[list[float]], dict[str, Any]]:
+def _info_maker(names: tuple[str, ...], arrays: bool) -> Callable[[list[float]], dict[str, Any]]:
     """A function that makes the info of one step from the fleet's measures.
 
     It is written out from the names as one dict display: anything else takes twice as long at every step.
+
+    Args:
+        names: What it is to hold.
+        arrays: Whether as arrays of no dimension, instead of plain numbers and flags.
     """
     values = [f"v{i}" for i in range(len(MEASURE_NAMES))]
     shown = [
@@ -437,4 +447,6 @@ def _info_maker(names: tuple[str, ...]) -> Callable[[list[float]], dict[str, Any
     made: dict[str, Any] = {}
     exec(source, made)
     maker: Callable[[list[float]], dict[str, Any]] = made["info"]
+    if arrays:
+        return lambda values: {name: np.array(value) for name, value in maker(values).items()}
     return maker

@@ -45,8 +45,8 @@ LIMITS: dict[str, Limit] = {
     # Doubles count as far as that.
     "max_episode_steps": Limit(1, 2**53),
     "seed": Limit(0, 2**64 - 1),
-    "width": Limit(320, 7680),
-    "height": Limit(180, 4320),
+    "width": Limit(32, 7680),
+    "height": Limit(32, 4320),
     # Of a recorded path, and of pulses, ships and whatever else a scenario has several of.
     "samples": Limit(4, 500_000),
     "items": Limit(0, 1000),
@@ -66,6 +66,8 @@ LIMITS: dict[str, Limit] = {
     "flown together": Limit(1, 30_000_000),
     # What an action of 1 adds to a controller's, as a share of the actuators' limits.
     "residual scale": Limit(1e-6, 2.0, whole=False),
+    # Standard deviation of what is added to actions, likewise.
+    "noise": Limit(0.0, 2.0, whole=False),
     # Of a network.
     "width of a layer": Limit(1, 8192),
     "layers": Limit(0, 32),

@@ -501,7 +501,7 @@ class Parameters:
     @classmethod
     def specs(cls) -> dict[str, _Spec]:
         """The kind, unit, bounds, description and source of each field by name."""
-        return {field.name: field.metadata["spec"] for field in dataclasses.fields(cls)}
+        return {field.name: field.metadata["spec"] for field in dataclasses.fields(cls) if field.init}
 
     @classmethod
     def _refuse_unknown(cls, names: Iterable[Any]) -> None:

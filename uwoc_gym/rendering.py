@@ -23,7 +23,7 @@ with warnings.catch_warnings():
     import pygame.gfxdraw
 
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.spaces import FRAME, check_render_size
+from uwoc_gym.spaces import FRAME, SMALLEST_DETAILED, check_render_size
 from uwoc_gym.world.sea.pulses import DrawnPulse, drawn_pulses
 
 Array = npt.NDArray[np.float64]
@@ -35,11 +35,11 @@ WINDOW_S = 30.0
 """Time that charts and trails reach back [s]."""
 
 # Okabe and Ito's colours on dark blue; whatever a colour says is also said by a shape or a word.
-YELLOW, ORANGE, SKY, GREEN, RED, PINK = (
-    (240, 228, 66), (230, 159, 0), (86, 180, 233), (0, 190, 140), (235, 110, 40), (214, 140, 180),
-)  # fmt: skip
-ACCENTS: tuple[Colour, ...] = (ORANGE, SKY, PINK, GREEN, YELLOW, RED)
-"""Colours of policies on the dark ground, in their order."""
+YELLOW, ORANGE, SKY, GREEN, RED = (240, 228, 66), (230, 159, 0), (86, 180, 233), (0, 190, 140), (235, 110, 40)
+ACCENT: Colour = ORANGE
+"""Colour of the AUV where nobody asks for another."""
+CONE_LIT, CONE_DARK = (246, 226, 96), (92, 88, 52)
+"""The cone's footprint in a plain picture: with the AUV inside, and outside."""
 _GROUND, _PANEL, _EDGE, _GRID = (10, 24, 40), (16, 35, 56), (52, 80, 108), (34, 58, 84)
 _TEXT, _DIM, _WHITE = (236, 242, 248), (160, 182, 204), (255, 255, 255)
 _DEEP, _SHALLOW, _SURFACE = (6, 26, 48), (24, 84, 118), (150, 205, 235)
@@ -89,7 +89,8 @@ class Renderer:
 
     Args:
         scenario: The scenario flown.
-        size: Width and height [px]; an upright one, below 4 to 3, is arranged differently.
+        size: Width and height [px]; an upright one, below 4 to 3, is arranged differently. Below 320 × 180 the
+            picture is a plain one for pixel agents: cone, ship and AUV from above, north up, the ship in the middle.
         title: What the header says first.
         accent: Colour of the AUV and its trail.
 
@@ -98,11 +99,12 @@ class Renderer:
     """
 
     def __init__(
-        self, scenario: Scenario, size: Sequence[int] = FRAME, title: str = "", accent: Colour = ACCENTS[0]
+        self, scenario: Scenario, size: Sequence[int] = FRAME, title: str = "", accent: Colour = ACCENT
     ) -> None:
         self.size = check_render_size(size)
         self.title = title
         self.accent = accent
+        self._plain = any(side < least for side, least in zip(self.size, SMALLEST_DETAILED, strict=True))
         self._layout, self._unit = _layout(self.size)
         pygame.font.init()
         self.surface = pygame.Surface(self.size, 0, 32)
@@ -168,6 +170,9 @@ class Renderer:
 
     def draw(self) -> pygame.Surface:
         """The picture of the last state recorded, on a surface that the next call draws over."""
+        if self._plain:
+            self._draw_plain()
+            return self.surface
         self.surface.fill(_GROUND)
         self._draw_scene(self._rect(self._layout.scene))
         self._draw_header()
@@ -175,6 +180,34 @@ class Renderer:
         self._draw_bars(self._rect(self._layout.bars))
         self._draw_charts(self._rect(self._layout.charts))
         return self.surface
+
+    # The plain picture.
+
+    def _draw_plain(self) -> None:
+        """Few colours without shades between them; what is further off than the picture reaches is at its edge."""
+        surface, width, height = self.surface, *self.size
+        surface.fill(_DEEP)
+        reach = max(4.0 * self._radius, 2.0 * self._depth, 4.0)
+        metre = min(width, height) / (2.0 * reach)
+        middle = np.array([0.5 * width, 0.5 * height])
+        pose, ship = self._state["pose"], self._state["ship_pose"]
+        if self._radius > 0.0:
+            colour = CONE_LIT if self._state["in_cone"] else CONE_DARK
+            pygame.draw.circle(surface, colour, middle.tolist(), max(1, round(self._radius * metre)))
+
+        def turned(outline: Array, yaw: float, at: Array) -> list[list[float]]:
+            ahead, aside = (metre * column for column in outline.T)
+            x, y = ahead * math.cos(yaw) - aside * math.sin(yaw), ahead * math.sin(yaw) + aside * math.cos(yaw)
+            return (at + np.stack([y, -x], axis=-1)).tolist()  # type: ignore[no-any-return]
+
+        hull = turned(_SHIP_HULL, ship[2], middle)
+        apart = metre * np.array([pose[1] - ship[1], ship[0] - pose[0]])
+        edge = middle - 0.06 * min(width, height)
+        at = middle + apart * min(1.0, *(edge / np.maximum(np.abs(apart), 1e-9)))
+        # An arrow that even the smallest picture shows.
+        arrow = max(1.3, 2.5 / metre) * np.array([[1.0, 0.0], [-0.8, 0.6], [-0.4, 0.0], [-0.8, -0.6]])
+        pygame.draw.polygon(surface, self.accent, turned(arrow, pose[2], at))
+        pygame.draw.polygon(surface, _WHITE, hull, 1)
 
     # Text and rectangles.
 
@@ -310,9 +343,9 @@ class Renderer:
         self._trail(rect, rows[:, (_SHIP_X, _SHIP_Y)], 0.0, _WHITE, 2)
         self._draw_ship(rect, ship)
         mast = self._project([[ship[0], ship[1], -1.0]], rect)[0]
-        self._label("ship", mast, -self._px(13))
+        name = self._label("ship", mast, -self._px(13))
         self._label("AUV", auv, self._px(26))
-        self._draw_notes(rect)
+        self._draw_notes(rect, name)
         self._write(
             f"AUV {depth:.1f} m below the surface",
             22,
@@ -322,20 +355,24 @@ class Renderer:
         )
         surface.set_clip(None)
 
-    def _label(self, text: str, at: Array, offset: int) -> None:
+    def _label(self, text: str, at: Array, offset: int) -> pygame.Rect:
         place = (at[0], at[1] + offset)
         shadow = self._text(text, 22, (0, 0, 0))
         self.surface.blit(shadow, shadow.get_rect(center=(round(place[0]) + 1, round(place[1]) + 1)))
-        self._write(text, 22, place, _WHITE, "center")
+        return self._write(text, 22, place, _WHITE, "center")
 
-    def _draw_notes(self, rect: pygame.Rect) -> None:
+    def _draw_notes(self, rect: pygame.Rect, name: pygame.Rect) -> None:
+        """What happens now, in the upper left corner, or in the right one where the ship's name is in the left."""
         now = float(self._state["time_s"])
-        y = rect.top + self._px(14)
+        pad = self._px(12)
+        y = rect.top + pad
         for begin, end, text in [*self._pulses, *self._notes]:
             if begin <= now < end + 0.5:
-                image = self._text(text, 28, _WHITE)
-                box = image.get_rect(midtop=(rect.centerx, y)).inflate(self._px(24), self._px(14))
-                box.top = y
+                image = self._text(text, 23, _WHITE)
+                box = image.get_rect().inflate(self._px(20), self._px(12))
+                box.topleft = (rect.left + pad, y)
+                if box.colliderect(name):
+                    box.right = rect.right - pad
                 pygame.draw.rect(self.surface, (120, 40, 20), box, border_radius=self._px(6))
                 pygame.draw.rect(self.surface, RED, box, self._px(2), border_radius=self._px(6))
                 self.surface.blit(image, image.get_rect(center=box.center))
@@ -656,6 +693,10 @@ _FONTS: dict[int, pygame.font.Font] = {}
 
 def text_image(text: str, pixels: int, colour: Colour) -> pygame.Surface:
     """A line of text in pygame's own font, which looks the same everywhere."""
+    if not _FONTS:
+        # Whoever calls pygame.quit(), as Gymnasium's HumanRendering does, ends them: to use one then ends the process.
+        pygame.font.init()
+        pygame.register_quit(_FONTS.clear)
     if pixels not in _FONTS:
         _FONTS[pixels] = pygame.font.Font(None, 3 * pixels)
     # Small letters are set unevenly; set large and shrunk they aren't.

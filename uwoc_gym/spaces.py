@@ -17,6 +17,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from uwoc_gym.given import LIMITS, SettingError, as_whole, count, is_sequence, shown
 from uwoc_gym.scenario import Scenario, as_scenario
+from uwoc_gym.sim.fleet import Fleet
 
 FRAME = (1280, 720)
 """Width and height of a rendered frame by default [px]."""
@@ -24,6 +25,9 @@ SMALLEST_FRAME, LARGEST_FRAME = (
     (int(width), int(height)) for width, height in zip(LIMITS["width"][:2], LIMITS["height"][:2], strict=True)
 )
 """Least and greatest width and height of a frame [px]."""
+SMALLEST_DETAILED = (320, 180)
+"""Least width and height of a frame with charts and words [px]; a smaller one is a plain picture of cone, ship and AUV.
+"""
 
 VectorSpace = spaces.Space[npt.NDArray[np.float32]]
 ScenarioLike = str | Scenario | Mapping[str, Any]
@@ -41,16 +45,26 @@ def observation_space(scenario: Scenario) -> VectorSpace:
     return cast(VectorSpace, spaces.Box(low, high, dtype=np.float32))
 
 
+def one_of(values: Mapping[str, npt.NDArray[Any]], i: int) -> dict[str, Any]:
+    """One environment's part of batched values, in which what isn't an array is a plain number, flag or name."""
+    return {name: array[i] if array.ndim > 1 else array[i].item() for name, array in values.items()}
+
+
 class Described:
     """What both environments tell of themselves and are seeded by."""
 
     scenario: Scenario
+    _fleet: Fleet
     _spec: EnvSpec | None = None
     _generator: np.random.Generator | None = None
 
     @property
     def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make` made it from; ``kwargs["scenario_digest"]`` tells scenarios of one name apart."""
+        """What `gymnasium.make` made it from, and what that came to.
+
+        ``kwargs["scenario_digest"]`` tells scenarios of one name apart, and ``max_episode_steps`` is the length of its
+        episodes, which the environment ends by itself.
+        """
         return self._spec
 
     @spec.setter
@@ -58,6 +72,7 @@ class Described:
         if spec is not None:
             spec = copy.copy(spec)
             spec.kwargs = {**spec.kwargs, "scenario_digest": self.scenario.digest()}
+            spec.max_episode_steps = self._fleet.max_episode_steps
         self._spec = spec
 
     def _fresh_seed(self) -> int | None:
@@ -94,7 +109,8 @@ def build_scenario(
         warnings.warn(
             f"scenario_digest = {scenario_digest!r} was recorded of another scenario than this, whose digest is "
             f"{built.digest()!r}: the arguments or the package's version differ. Where that is meant, "
-            "scenario_digest=None among the arguments leaves the comparison out.",
+            "scenario_digest=None among the arguments leaves the comparison out, and max_episode_steps is then the "
+            "recorded one's too, unless it is given anew.",
             stacklevel=3,
         )
     return built

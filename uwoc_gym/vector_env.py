@@ -28,6 +28,7 @@ from uwoc_gym.spaces import (
     episode_scenario,
     import_rendering,
     observation_space,
+    one_of,
 )
 
 Observations = npt.NDArray[np.float32]
@@ -89,7 +90,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         self.render_mode = render_mode
         self.render_size = check_render_size(render_size)
         self.renderers: list[Any] = []
-        mode = _autoreset_mode(autoreset_mode)
+        mode = self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.scenario = build_scenario(scenario, scenario_name, control_period_s, integration_step_s, scenario_digest)
         num_envs = count("num_envs", num_envs, "environments")
         self._max_episode_steps = max_episode_steps
@@ -109,6 +110,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         self._all.flags.writeable = False
         self._name_infos()
         self._begun = False
+        self._attributes: dict[str, list[Any]] = {}
         self._action_size = len(self.scenario.actions)
         self._observation_size = self.scenario.observation.size
 
@@ -290,15 +292,77 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         return self._fleet.drawn()
 
     def push(self, impulse: npt.ArrayLike, lanes: npt.ArrayLike | None = None) -> None:
-        """Give the AUVs a shove, as `TrackingEnv.push` does: all of them, or those of ``lanes``.
+        """Give the AUVs a shove, as `TrackingEnv.push` does.
+
+        Args:
+            impulse: Along surge, along sway and about yaw, shape (3,) [N s, N s, N m s].
+            lanes: Places of those that get it; by default all.
 
         Raises:
-            ResetNeeded: Nothing has been reset yet.
+            ResetNeeded: Nothing has been reset yet, or an episode has ended that no step begins anew by itself.
             ValueError: The impulse has another shape or isn't finite; nothing has moved.
         """
-        if not self._begun:
-            raise gym.error.ResetNeeded("no episode has begun; call reset() before push().")
+        if not self._begun or (self.autoreset_mode is AutoresetMode.DISABLED and self._fleet.ended.any()):
+            raise gym.error.ResetNeeded("an episode has ended or not begun; call reset() before push().")
         self._fleet.push(np.arange(self.num_envs) if lanes is None else np.atleast_1d(lanes), impulse)
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What each environment gives for a name of `TrackingEnv`, as of Gymnasium's own vector environments.
+
+        Args:
+            name: ``state``, ``parameters``, ``push``, ``snapshot`` or ``render``, or an attribute.
+            *args: A method's arguments.
+            **kwargs: A method's arguments by name.
+
+        Returns:
+            N results. Attributes that all environments share, such as ``scenario``, stand there N times.
+
+        Raises:
+            AttributeError: There is no such name.
+            ValueError: It is a method that acts on all environments at once.
+        """
+        count = range(self.num_envs)
+        if name in self._attributes:
+            return tuple(self._attributes[name])
+        if name in ("action_space", "observation_space"):
+            return (getattr(self, f"single_{name}"),) * self.num_envs
+        found = getattr(self, name)
+        if not callable(found):
+            return (found,) * self.num_envs
+        if name not in ("state", "parameters", "push", "snapshot", "render"):
+            raise ValueError(
+                f"call({name!r}) is not allowed; {name} acts on all environments at once, so use {name}() itself."
+            )
+        result = found(*args, **kwargs)
+        if result is None:
+            return (None,) * self.num_envs
+        if isinstance(result, dict):
+            return tuple(one_of(result, i) for i in count)
+        return tuple(result[i : i + 1] for i in count) if name == "snapshot" else tuple(result)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of each environment; see `call`."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Give each environment an attribute of the caller's own, which `get_attr` gives back.
+
+        Args:
+            name: The attribute.
+            values: A list or tuple with one for each environment, or one for all.
+
+        Raises:
+            ValueError: There aren't N values, or it is an attribute that the environments share and are made with;
+                nothing has changed.
+        """
+        if hasattr(self, name):
+            raise ValueError(
+                f"set_attr({name!r}) is not allowed; the environments share their {name}, so make them with another."
+            )
+        each = list(values) if isinstance(values, (list, tuple)) else [values] * self.num_envs
+        if len(each) != self.num_envs:
+            raise ValueError(f"values = {shown(values)} is not allowed; it must be one, or {self.num_envs} of them.")
+        self._attributes[name] = each
 
     def snapshot(self, lanes: npt.ArrayLike | None = None) -> npt.NDArray[np.void]:
         """The whole states of environments, what is going to happen included; see `Fleet.snapshot`."""
@@ -346,7 +410,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         state, parameters = self.state(), self.parameters()
         for i in lanes.tolist():
             self.renderers[i].configure(self._fleet.scenario)
-            self.renderers[i].begin(_lane(state, i), _lane(parameters, i))
+            self.renderers[i].begin(one_of(state, i), one_of(parameters, i))
 
     def _picture(self) -> None:
         """Take the states into the pictures; at time 0 a new episode has begun by itself."""
@@ -355,7 +419,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         if fresh.size:
             self._begin_pictures(fresh)
         for i in np.flatnonzero(state["time_s"] > 0.0).tolist():
-            self.renderers[i].record(_lane(state, i))
+            self.renderers[i].record(one_of(state, i))
 
     def __getstate__(self) -> dict[str, Any]:
         # Pictures belong to the process that draws them.
@@ -371,11 +435,6 @@ def _autoreset_mode(given: Any) -> AutoresetMode:
     if not (isinstance(given, AutoresetMode) or (isinstance(given, str) and given in names)):
         raise ValueError(f"autoreset_mode = {shown(given)} is not allowed; {closest(given, names)}")
     return AutoresetMode(given)
-
-
-def _lane(values: dict[str, npt.NDArray[Any]], i: int) -> dict[str, Any]:
-    """One environment's part of batched values."""
-    return {name: array[i] for name, array in values.items()}
 
 
 def _object_array(rows: Observations, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.object_]:

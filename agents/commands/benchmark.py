@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
-from uwoc_gym.agents.flight import Series, batches, check_flights, flown_seeds, fly
+from uwoc_gym.agents.flight import Series, batches, check_flights, decide, flown_seeds, fly
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
     add_trust_argument,
@@ -28,6 +31,7 @@ from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.vector_env import TrackingVectorEnv
 
 HELP = "fly policies through scenarios on the same seeds and compare them"
 EXAMPLES = """\
@@ -103,6 +107,11 @@ def run(args: argparse.Namespace) -> int:
         files.write_text(folder / "table.md", text)
         for name, series in flown.items():
             figures.figure(folder / f"{name}.png", name, scenarios[name], series)
+            returns = {
+                each.policy: np.array([row["return"] for row in each.rows]) for each in results if each.scenario == name
+            }
+            if min(map(len, returns.values())) > 1:
+                figures.profiles(folder / f"{name}-profile.png", name, returns, scenarios[name])
     if interrupted:
         count = sum(len(result.rows) for result in results)
         print(f"uwoc-gym benchmark: interrupted after {count} finished episodes", file=sys.stderr)
@@ -139,19 +148,116 @@ def _fly_all(
         for name, scenario in scenarios.items()
         for policy in policies
     ]
-    with tqdm(total=sum(len(own) for *_, own in plan), unit="episode", file=sys.stderr) as bar:
+    left = TimeLeft(
+        [(policy.name, scenarios[name], batch) for name, policy, own in plan for batch in batches(own, args.batch)]
+    )
+    count, total = 0, sum(len(own) for *_, own in plan)
+    shown = "{percentage:3.0f} % |{bar}| {elapsed} gone, {desc}"
+    with tqdm(total=left.work, bar_format=shown, file=sys.stderr, desc="compiling") as bar:
+        warm_up(scenarios, policies, min(args.batch, args.seeds))
+        left.begin()
         for name, policy, own in plan:
-            bar.set_description(f"{name}, {policy.name}")
             result = tables.Result(name, policy.name, [], len(own) < len(seeds))
             results.append(result)
             for batch in batches(own, args.batch):
+                bar.set_description_str(f"{left.words()}: {count} of {total} episodes, {name}, {policy.name}")
                 flight = fly(policy, scenarios[name], batch, wrapping=around)
                 rows = flight.metrics.rows()
                 if episodes is not None:
                     episodes.append(name, policy.name, batch, rows)
                 result.rows.extend(rows)
                 flown.setdefault(name, {}).setdefault(policy.name, (batch[0], flight.series))
-                bar.update(len(batch))
+                count += len(batch)
+                bar.update(left.done())
+        bar.set_description_str(f"done: {count} episodes")
+
+
+def warm_up(scenarios: Mapping[str, Scenario], policies: Sequence[Policy], episodes: int) -> None:
+    """Compile and load all that flights need, so that how fast they go tells how long the others will take."""
+    if (torch := sys.modules.get("torch")) is not None:
+        # Networks of this size gain nothing from more, and wait for each other where others work on the machine.
+        torch.set_num_threads(1)
+    for scenario in scenarios.values():
+        env = TrackingVectorEnv(episodes if scenario.draws else 1, scenario)
+        observations, _ = env.reset(seed=0)
+        for policy in policies:
+            decide(
+                policy,
+                policy.pilot(scenario),
+                observations,
+                None,
+                np.ones(len(observations), dtype=bool),
+                len(scenario.actions),
+            )
+        env.step(np.zeros(env.action_space.shape or (), dtype=np.float32))
+        env.close()
+
+
+class TimeLeft:
+    """How long the flights to come will take, from those that are done.
+
+    A control period of a batch costs something however few episodes it has, and policies differ; so time is counted by
+    work, and each policy's own speed is taken once it has flown.
+
+    Args:
+        flights: Policy, scenario and seeds of each flight, in their order.
+        clock: Gives the time [s].
+    """
+
+    def __init__(
+        self,
+        flights: Sequence[tuple[str, Scenario, Sequence[int]]],
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self._flights = [
+            (policy, scenario.episode.steps * (_ALONE + len(seeds))) for policy, scenario, seeds in flights
+        ]
+        self._clock = clock
+        self._seconds: list[float] = []
+        self.begin()
+
+    def begin(self) -> None:
+        """The first flight begins now."""
+        self._at = self._clock()
+
+    @property
+    def work(self) -> int:
+        """All there is to do."""
+        return sum(amount for _, amount in self._flights)
+
+    def done(self) -> int:
+        """A flight has ended, and the next one begins; returns how much work it was."""
+        now = self._clock()
+        self._seconds.append(now - self._at)
+        self._at = now
+        return self._flights[len(self._seconds) - 1][1]
+
+    def seconds(self) -> float | None:
+        """What is left [s]; None before anything is known."""
+        if not self._seconds:
+            return None
+        done = list(zip(self._flights, self._seconds, strict=False))
+        work: dict[str, float] = {}
+        taken: dict[str, float] = {}
+        for (policy, amount), seconds in done:
+            work[policy] = work.get(policy, 0.0) + amount
+            taken[policy] = taken.get(policy, 0.0) + seconds
+        usual = sum(taken.values()) / sum(work.values())
+        return sum(
+            amount * (taken[policy] / work[policy] if policy in work else usual)
+            for policy, amount in self._flights[len(done) :]
+        )
+
+    def words(self) -> str:
+        """What is left in a few words."""
+        seconds = self.seconds()
+        if seconds is None:
+            return "flying"
+        return f"about {seconds / 60.0:.0f} min left" if seconds >= 90.0 else f"about {seconds:.0f} s left"
+
+
+_ALONE = 500
+"""How many more episodes cost as much as a control period of a batch does by itself."""
 
 
 def _document(

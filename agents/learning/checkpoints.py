@@ -7,11 +7,12 @@ removed. Whatever stops the process, the newest folder with a proper name is who
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.reports.files import flush, whole
@@ -103,6 +104,33 @@ def save_buffer(buffer: Any, path: Path) -> None:
     np.savez(path, pos=buffer.pos, full=buffer.full, **parts)
 
 
+def read_buffer(path: Path, names: Sequence[str]) -> dict[str, npt.NDArray[Any]]:
+    """Arrays of a saved replay buffer, each (transitions, environments, ...), oldest first; and whether it was "full".
+
+    Raises:
+        CommandError: The file can't be read, or lacks one of them.
+    """
+    try:
+        with path.open("rb") as file, np.load(file) as saved:
+            held = {name: saved[name] for name in names}
+            pos, full = int(saved["pos"]), np.asarray(bool(saved["full"]))
+        if len({array.shape[:2] for array in held.values()}) != 1 or not 0 <= pos <= len(held[names[0]]):
+            raise ValueError("its arrays don't fit together")
+        if not all(np.isfinite(array).all() for array in held.values()):
+            raise ValueError("it holds what isn't finite")
+    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
+    except Exception as error:
+        raise _damaged(path, error) from None
+    return {name: np.roll(array, -pos, axis=0) if full else array[:pos] for name, array in held.items()} | {
+        "full": full
+    }
+
+
+def _damaged(path: Path, error: Exception) -> CommandError:
+    text = " ".join(str(error).split())
+    return CommandError(f"{path} can't be read: it is damaged, or of another run: {text[:200]}.")
+
+
 def load_buffer(buffer: Any, path: Path) -> None:
     """Fill a replay buffer with what was saved.
 
@@ -122,6 +150,5 @@ def load_buffer(buffer: Any, path: Path) -> None:
             value[: len(held[name])] = held[name]
     # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
     except Exception as error:
-        text = " ".join(str(error).split())
-        raise CommandError(f"{path} can't be read: it is damaged, or of another run: {text[:200]}.") from None
+        raise _damaged(path, error) from None
     buffer.pos, buffer.full = pos, full

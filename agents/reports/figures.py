@@ -11,29 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.flight import Series
+from uwoc_gym.agents.policies.looks import DASHES, OTHERS, Look, looks
 from uwoc_gym.agents.reports import statistics
 from uwoc_gym.agents.reports.files import whole
+from uwoc_gym.env import TrackingEnv
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.world.sea.pulses import DrawnPulse, drawn_pulses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = npt.NDArray[np.float64]
 
-# Okabe and Ito's colours, which people with any kind of colour vision tell apart, with unlike dashes as a second cue.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#777777")
-DASHES = (
-    "-",
-    (0, (5, 2)),
-    (0, (1.5, 1.5)),
-    (0, (6, 2, 1.5, 2)),
-    (0, (9, 2)),
-    (0, (3, 1, 1, 1, 1, 1)),
-    "-",
-    (0, (1, 3)),
-)
 GREY = "#777777"
 CONE = "#F0E442"
+PULSE = "#A33B20"
 LIMIT: dict[str, Any] = {"color": "black", "linestyle": (0, (4, 3)), "linewidth": 1.0}
 """Line of a bound that a quantity is held against."""
 
@@ -58,13 +50,46 @@ def save(chart: Figure, path: Path, dots_per_inch: int = 150) -> None:
         chart.savefig(part, format=kind, dpi=dots_per_inch, metadata=metadata)
 
 
-def style(index: int) -> dict[str, Any]:
-    """Colour and dashes of the line of that number."""
-    return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)], "linewidth": 1.5}
+def style(look: Look) -> dict[str, Any]:
+    """What Matplotlib calls a look; a solid line stands behind the others, so that it hides none."""
+    dash = (0.0, DASHES[look.dash]) if DASHES[look.dash] else "solid"
+    return {"color": look.colour, "linestyle": dash, "linewidth": 1.6, "zorder": 2.5 if DASHES[look.dash] else 2.2}
+
+
+CLOSE_UP_S = 3.0
+"""How long a figure's close-up is [s]."""
+
+D_C = "d_C: the cone's slant height; no link beyond it"
+D_B = "d_B: the AUV's depth; the least range"
+"""The paper's two bounds of the range, in words."""
+
+
+def drawn_by(scenario: Scenario, seed: int) -> list[DrawnPulse]:
+    """The pulses of a seed's episode."""
+    env = TrackingEnv(scenario=scenario)
+    env.reset(seed=seed)
+    return drawn_pulses(env.parameters())
+
+
+def close_up(flown: Sequence[Series], begins: Sequence[float]) -> tuple[float, float]:
+    """The seconds in which policies differ most [s, s].
+
+    Args:
+        flown: Their episodes.
+        begins: When a pulse begins [s]; those seconds begin a little before one of them, without any with the episode.
+    """
+    size = min(series.time_s.size for series in flown)
+    time_s = flown[0].time_s[:size]
+    ranges = np.array([series.range_m[:size] for series in flown])
+    # Of one policy alone the range itself tells where something happens.
+    telling = np.ptp(ranges, axis=0) if len(flown) > 1 else ranges[0]
+    found = [max(begin - 0.1 * CLOSE_UP_S, 0.0) for begin in begins if begin < time_s[-1]] or [0.0]
+    most = max(found, key=lambda at: telling[(time_s >= at) & (time_s <= at + CLOSE_UP_S)].sum())
+    return most, most + CLOSE_UP_S
 
 
 def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[int, Series]]) -> None:
-    """Draw one episode of each policy: range, bit rate, pointing error and the path seen from above.
+    """Draw one episode of each policy: range, bit rate and pointing error, the path seen from above, and a close-up.
 
     Args:
         path: PNG file to write.
@@ -72,53 +97,110 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
         scenario: The scenario.
         flown: Seed and series by policy.
     """
-    chart = new_figure(13.0, 7.6)
-    grid = chart.add_gridspec(3, 2, width_ratios=(1.25, 1.0))
-    top = chart.add_subplot(grid[0, 0])
-    axes = (top, chart.add_subplot(grid[1, 0], sharex=top), chart.add_subplot(grid[2, 0], sharex=top))
-    above = chart.add_subplot(grid[:, 1])
-    seed, any_series = next(iter(flown.values()))
+    chart = new_figure(15.0, 8.4)
+    grid = chart.add_gridspec(3, 3, width_ratios=(1.15, 1.0, 1.0))
+    whole = [chart.add_subplot(grid[row, 0]) for row in range(3)]
+    near = [chart.add_subplot(grid[row, 1]) for row in range(3)]
+    right = grid[:, 2].subgridspec(2, 1, height_ratios=(1.25, 1.0))
+    above, beside = chart.add_subplot(right[0]), chart.add_subplot(right[1])
+    seed = next(iter(flown.values()))[0]
     longest = max((series for _, series in flown.values()), key=lambda series: series.time_s.size)
-    angle = np.rad2deg(scenario.link.midpoint().value("field_of_view_rad"))
-    for i, (policy, (_, series)) in enumerate(flown.items()):
-        line = style(i) | {"label": policy}
-        rate = np.where(series.bit_rate_bps > 0.0, series.bit_rate_bps, np.nan)
-        axes[0].plot(series.time_s, series.range_m, **line)
-        axes[1].plot(series.time_s, np.log10(rate), **line)
-        axes[2].plot(series.time_s, np.rad2deg(series.pointing_error_rad), **line)
+    pulses = [pulse for pulse in drawn_by(scenario, seed) if pulse.begin_s < longest.time_s[-1]]
+    span = close_up([series for _, series in flown.values()], [pulse.begin_s for pulse in pulses])
+    threshold = math.log10(scenario.link.threshold_bit_rate_bps)
+    rates = {policy: _log_rate(series) for policy, (_, series) in flown.items()}
+    dark = min([threshold, *(float(np.nanmin(rate)) for rate in rates.values() if np.isfinite(rate).any())]) - 0.5
+    for policy, look in looks(flown).items():
+        series = flown[policy][1]
+        line = style(look) | {"label": policy}
+        # Where no light arrives the line runs along the foot, so that it doesn't leave the picture.
+        curves = (series.range_m, np.nan_to_num(rates[policy], nan=dark), np.rad2deg(series.pointing_error_rad))
+        shown = (series.time_s >= span[0] - 0.1) & (series.time_s <= span[1] + 0.1)
+        for row, values in enumerate(curves):
+            whole[row].plot(series.time_s, values, **line)
+            near[row].plot(series.time_s[shown], values[shown], **line)
         above.plot(series.pose[:, 1], series.pose[:, 0], **line)
-        above.plot(*series.pose[0, 1::-1], marker="o", color=line["color"], markersize=5)
+        above.plot(*series.pose[0, 1::-1], marker="o", color=look.colour, markersize=5)
         if series.time_s[-1] < longest.time_s[-1] or series.pose.shape[0] <= round(
             scenario.episode.duration_s / scenario.episode.control_period_s
         ):
-            above.plot(*series.pose[-1, 1::-1], marker="x", color=line["color"], markersize=9, markeredgewidth=2)
-    axes[0].axhline(any_series.slant_height_m, **LIMIT, label="cone's slant height")
-    axes[1].axhline(np.log10(scenario.link.threshold_bit_rate_bps), **LIMIT, label="threshold")
-    axes[2].axhline(angle, **LIMIT, label="field of view")
-    axes[0].set_ylabel("range [m]")
-    axes[1].set_ylabel("log10 of bit rate\nin bit/s")
-    axes[2].set_ylabel("pointing error [°]")
-    axes[2].set_xlabel("time [s]")
-    for axis in axes:
-        axis.margins(x=0.0)
-        axis.grid(color="#dddddd", linewidth=0.6)
-        if np.isfinite(any_series.disturbance_s):
-            axis.axvline(any_series.disturbance_s, color=GREY, linewidth=1.0, label="first pulse begins")
-        # The policies' colours stand below the path; here only what is this panel's own.
-        own = [line for line in axis.get_lines() if line.get_label() not in flown]
-        axis.legend(handles=own, loc="lower right" if axis is axes[1] else "upper right", fontsize=8, framealpha=0.9)
-    for axis in axes[:2]:
-        axis.tick_params(labelbottom=False)
-    axes[1].margins(y=0.12)
-    axes[2].set_ylim(bottom=0.0)
+            above.plot(*series.pose[-1, 1::-1], marker="x", color=look.colour, markersize=9, markeredgewidth=2)
+        apart = series.pose[shown] - series.ship_pose[shown]
+        beside.plot(apart[:, 1], apart[:, 0], **line)
+        if shown.any():
+            beside.plot(*apart[0, 1::-1], marker="o", color=look.colour, markersize=5)
+    names = ("range [m]", "log10 of bit rate\nin bit/s", "pointing error [°]")
+    angle = math.degrees(scenario.link.midpoint().value("field_of_view_rad"))
+    bounds = (longest.slant_height_m, threshold, angle)
+    words = (D_C, "the threshold of a link", "the field of view")
+    for row, (all_of_it, part) in enumerate(zip(whole, near, strict=True)):
+        all_of_it.set_ylabel(names[row])
+        for axis in (all_of_it, part):
+            axis.axhline(bounds[row], **LIMIT, label=words[row])
+            if row == 0:
+                axis.axhline(longest.depth_m, color="black", linestyle=":", linewidth=1.0, label=D_B)
+            for pulse in pulses:
+                axis.axvspan(pulse.begin_s, pulse.end_s, color=PULSE, alpha=0.25, linewidth=0.0)
+            axis.grid(color="#dddddd", linewidth=0.6)
+            axis.tick_params(labelbottom=row == 2)
+        own = [line for line in all_of_it.get_lines() if line.get_label() not in flown]
+        all_of_it.legend(handles=own, loc="best", fontsize=8, framealpha=0.9)
+        all_of_it.set_xlim(0.0, max(float(longest.time_s[-1]), 0.1))
+        all_of_it.axvspan(*span, color=GREY, alpha=0.15, linewidth=0.0, zorder=0)
+        part.set_xlim(*span)
+        # A scale of its own: what differs is small where nobody leaves the cone.
+        values = np.concatenate([line.get_ydata() for line in part.get_lines() if line.get_label() in flown])
+        margin = 0.06 * max(float(np.ptp(values)), 1e-3)
+        part.set_ylim(values.min() - margin, values.max() + margin)
+    for axis in (whole[1], near[1]):
+        low, high = axis.get_ylim()
+        if low < dark:
+            ticks = range(math.ceil(dark + 0.3), math.floor(high) + 1)
+            axis.set_yticks([dark, *ticks], ["no light", *map(str, ticks)])
+            axis.set_ylim(low, high)
+    whole[2].set_ylim(bottom=0.0)
+    for axis, what in ((whole[2], "time [s]"), (near[2], f"the {span[1] - span[0]:g} s that differ most, time [s]")):
+        axis.set_xlabel(what)
     _draw_ship(above, scenario, longest)
-    above.set_xlabel("y [m]")
-    above.set_ylabel("x [m]")
-    above.set_aspect("equal", adjustable="datalim")
-    above.grid(color="#dddddd", linewidth=0.6)
-    above.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), fontsize=8, ncols=4, frameon=False)
+    _draw_cone(beside, longest)
+    for axis, title in ((above, "path from above"), (beside, "AUV from the ship, in those seconds")):
+        axis.set_title(title, fontsize=10)
+        axis.set_xlabel("y, east [m]")
+        axis.set_ylabel("x, north [m]")
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.grid(color="#dddddd", linewidth=0.6)
+    handles, labels = above.get_legend_handles_labels()
+    if pulses:
+        handles.append(_patch(PULSE, 0.25))
+        labels.append("pulse" if len(pulses) == 1 else "pulses")
+    chart.legend(handles, labels, loc="outside lower center", fontsize=9, ncols=min(len(labels), 8), frameon=False)
     chart.suptitle(f"{name}, seed {seed}")
     save(chart, path)
+
+
+def _log_rate(series: Series) -> Array:
+    """log10 of the bit rate in bit/s, nan where no light arrives."""
+    logs: Array = np.log10(np.where(series.bit_rate_bps > 0.0, series.bit_rate_bps, np.nan))
+    return logs
+
+
+def _patch(colour: str, alpha: float) -> Any:
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor=colour, alpha=alpha, linewidth=0.0)
+
+
+def _draw_cone(beside: Any, series: Series) -> None:
+    """The cone's footprint around the ship."""
+    from matplotlib.patches import Circle
+
+    beside.add_patch(Circle((0.0, 0.0), _footprint(series), facecolor=CONE, edgecolor=GREY, alpha=0.35, zorder=0))
+    beside.plot(0.0, 0.0, marker="^", color="black", markersize=6, zorder=4)
+
+
+def _footprint(series: Series) -> float:
+    """Radius of the cone at the AUV's depth [m]; it follows from the cone that the episode drew."""
+    return math.sqrt(max(series.slant_height_m**2 - series.depth_m**2, 0.0))
 
 
 def learning_curve(
@@ -141,10 +223,10 @@ def learning_curve(
             np.array([math.nan if each[key][end] is None else each[key][end] for each in evaluations], dtype=float)
             for end in ("mean", "low", "high")
         )
-        axis.fill_between(steps, low, high, color=COLOURS[0], alpha=0.2, linewidth=0.0)
-        axis.plot(steps, mean, color=COLOURS[0], marker="o", markersize=3, label="agent")
-        for i, (name, scores) in enumerate(baselines.items(), start=1):
-            axis.axhline(scores[key]["mean"], label=name, **style(i))
+        axis.fill_between(steps, low, high, color=OTHERS[0].colour, alpha=0.2, linewidth=0.0)
+        axis.plot(steps, mean, color=OTHERS[0].colour, marker="o", markersize=3, label="agent")
+        for name, look in looks(baselines).items():
+            axis.axhline(baselines[name][key]["mean"], label=name, **style(look))
         axis.set_xlabel("steps")
         axis.set_ylabel(f"{key}, mean and 95 % interval")
         axis.grid(color="#dddddd", linewidth=0.6)
@@ -165,11 +247,11 @@ def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scen
     most = scenario.episode.steps * scenario.reward.bounds[1]
     shares = {policy: np.asarray(values).ravel() / most for policy, values in returns.items()}
     every = np.concatenate(list(shares.values()))
-    levels = np.linspace(float(np.quantile(every, 0.005)), float(every.max()), 400)
+    levels = np.linspace(float(every.min()), float(every.max()), 400)
     chart = new_figure(8.0, 4.6)
     axis = chart.add_subplot()
-    for i, (policy, values) in enumerate(shares.items()):
-        axis.plot(levels, statistics.profile(values, levels), **style(i), label=policy)
+    for policy, look in looks(shares).items():
+        axis.plot(levels, statistics.profile(shares[policy], levels), **style(look), label=policy)
     axis.set_xlabel("share of the possible return")
     axis.set_ylabel("share of episodes above it")
     axis.grid(color="#dddddd", linewidth=0.6)
@@ -181,8 +263,7 @@ def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scen
 def _draw_ship(above: Any, scenario: Scenario, series: Series) -> None:
     from matplotlib.patches import Circle
 
-    # A ring's radius follows from the cone that the episode drew.
-    radius = math.sqrt(max(series.slant_height_m**2 - series.depth_m**2, 0.0))
+    radius = _footprint(series)
     ship = series.ship_pose
     above.plot(ship[:, 1], ship[:, 0], color="black", linewidth=1.0, label="ship", zorder=1)
     times = series.time_s

@@ -92,6 +92,28 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A folder to fill, which becomes ``folder`` where the block ends without an error; else nothing is left of it.
+
+    ``folder`` may be there before if nothing is in it.
+
+    Raises:
+        OSError: It can't be written.
+    """
+    part = folder.absolute().with_name(f".{folder.name}.part")
+    with _made(part.parent):
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        try:
+            yield part
+            if folder.exists():
+                folder.rmdir()
+            part.rename(folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
 def named(path: Path, part: Path | None = None) -> Iterator[None]:
     """Name a file in an error about writing to it: that of a full disk doesn't.
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.agents.policies.looks import LOOKS, OTHERS, looks
 from uwoc_gym.agents.reports import figures
-from uwoc_gym.agents.reports.figures import CONE, LIMIT, style
+from uwoc_gym.agents.reports.figures import CONE, D_B, D_C, LIMIT, style
 from uwoc_gym.baselines.paper import PUBLISHED
 from uwoc_gym.world.optics.link import OpticalLink
 
@@ -59,6 +60,12 @@ def _tidy(axis: Any, x: str, y: str) -> None:
 def _legend_above(figure: Figure, axis: Any, columns: int = 4) -> None:
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, fontsize=8, frameon=False)
+
+
+def _lines(tracks: Sequence[Track]) -> list[dict[str, Any]]:
+    """What each controller's line looks like."""
+    found = looks(track.label for track in tracks)
+    return [style(found[track.label]) for track in tracks]
 
 
 def contour_side(link: OpticalLink) -> Figure:
@@ -115,10 +122,10 @@ def slant_height(links: Mapping[str, OpticalLink]) -> Figure:
     figure = _new()
     axis = figure.add_subplot()
     ranges = np.linspace(1.0, 8.0, 281)
-    for i, (name, link) in enumerate(links.items()):
+    for look, (name, link) in zip(OTHERS, links.items(), strict=False):
         cone = link.cone()
         rate = np.asarray(link.bit_rate(ranges, cone.half_angle_rad))
-        line = style(i)
+        line = style(look)
         axis.plot(ranges, np.log10(rate), **line, label=f"background {name}")
         axis.plot([cone.slant_height_m] * 2, [5.0, 7.0], color=line["color"], linewidth=0.8)
         axis.plot(cone.slant_height_m, 7.0, "o", color=line["color"])
@@ -137,8 +144,8 @@ def states(tracks: Sequence[Track]) -> Figure:
     axes = figure.subplots(3, 1, sharex=True)
     for k, (axis, name) in enumerate(zip(axes, ("x [m]", "y [m]", "yaw [rad]"), strict=True)):
         axis.plot(tracks[0].time_s, tracks[0].ship_pose[:, k], color="black", linewidth=1.0, label="ship")
-        for i, track in enumerate(tracks):
-            axis.plot(track.time_s, track.pose[:, k], **style(i), label=track.label)
+        for track, line in zip(tracks, _lines(tracks), strict=True):
+            axis.plot(track.time_s, track.pose[:, k], **line, label=track.label)
         axis.margins(x=0.0)
         _tidy(axis, "time [s]" if k == 2 else "", name)
     _legend_above(figure, axes[0])
@@ -151,8 +158,8 @@ def view(tracks: Sequence[Track], depth_m: float, radius_m: float) -> Figure:
     axis: Any = figure.add_subplot(projection="3d")
     ship = tracks[0].ship_pose
     axis.plot(ship[:, 0], ship[:, 1], np.zeros(len(ship)), color="black", linewidth=1.0, label="ship")
-    for i, track in enumerate(tracks):
-        axis.plot(track.pose[:, 0], track.pose[:, 1], np.full(len(track.pose), depth_m), **style(i), label=track.label)
+    for track, line in zip(tracks, _lines(tracks), strict=True):
+        axis.plot(track.pose[:, 0], track.pose[:, 1], np.full(len(track.pose), depth_m), **line, label=track.label)
     angle, height = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.array([0.0, 1.0]))
     for index in np.linspace(0, len(ship) * 0.4, 4).astype(int):
         axis.plot_surface(
@@ -177,14 +184,14 @@ def against_time(tracks: Sequence[Track], values: Sequence[Array], label: str, l
     panels = [figure.add_subplot(grid[0, :]), figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])]
     spans = ((0.0, float(tracks[0].time_s[-1])), (0.0, 6.0), (28.0, 40.0))
     for axis, (low, high) in zip(panels, spans, strict=True):
-        for i, (track, series) in enumerate(zip(tracks, values, strict=True)):
+        for track, series, line in zip(tracks, values, _lines(tracks), strict=True):
             shown = (track.time_s >= low) & (track.time_s <= high)
-            axis.plot(track.time_s[shown], series[shown], **style(i), label=track.label)
+            axis.plot(track.time_s[shown], series[shown], **line, label=track.label)
         for k, (name, limit) in enumerate(limits.items()):
             axis.axhline(limit, **{**LIMIT, "linestyle": ((0, (4, 3)), ":")[k]}, label=name)
         axis.margins(x=0.0, y=0.08)
         _tidy(axis, "time [s]" if axis is not panels[0] else "", "" if axis is panels[2] else label)
-    _legend_above(figure, panels[0], 5)
+    _legend_above(figure, panels[0], 3)
     return figure
 
 
@@ -195,9 +202,9 @@ def measures(
     figure = _new()
     axis = figure.add_subplot()
     shown = track.time_s <= 45.0
-    axis.plot(track.time_s[shown], track.range_m[shown], **style(0), label=track.label)
-    axis.axhline(slant_height_m, **LIMIT, label="d_C, the cone's slant height")
-    axis.axhline(depth_m, color="black", linestyle=":", linewidth=1.0, label="d_B = h, the least possible")
+    axis.plot(track.time_s[shown], track.range_m[shown], **style(LOOKS["pd"]), label=track.label)
+    axis.axhline(slant_height_m, **LIMIT, label=D_C)
+    axis.axhline(depth_m, color="black", linestyle=":", linewidth=1.0, label=D_B)
     left, back = times["left"], times["back"]
     for name in ("t_a", "t_b"):
         up = 6.6 if name == "t_a" else 5.9
@@ -217,10 +224,11 @@ def sweep(sizes: Array, curves: Mapping[str, tuple[Array, Array]], slant_height_
     """Greatest range after the pulse, and restoring time, against the pulse's size."""
     figure = _new()
     left, right = figure.subplots(1, 2)
-    for i, (name, (peak, restoring)) in enumerate(curves.items()):
-        left.plot(sizes, peak, marker=".", **style(i), label=name)
-        right.plot(sizes, restoring, marker=".", **style(i), label=name)
-    left.axhline(slant_height_m, **LIMIT, label="d_C")
+    for name, look in looks(curves).items():
+        peak, restoring = curves[name]
+        left.plot(sizes, peak, marker=".", **style(look), label=name)
+        right.plot(sizes, restoring, marker=".", **style(look), label=name)
+    left.axhline(slant_height_m, **LIMIT, label=D_C)
     right.axhline(PUBLISHED["case-1", "PD"].restoring_time_s, **LIMIT, label="published for PD")
     _tidy(left, "pulse [N, N, N m]", "greatest range after the pulse [m]")
     _tidy(right, "pulse [N, N, N m]", "restoring time Δt [s]")
@@ -233,8 +241,8 @@ def lyapunov(time_s: Array, curves: Mapping[str, Array]) -> Figure:
     """V along the nominal flights, on a log scale."""
     figure = _new()
     axis = figure.add_subplot()
-    for i, (name, values) in enumerate(curves.items()):
-        axis.plot(time_s, np.maximum(values, 1e-16), **style(i), label=name)
+    for name, look in looks(curves).items():
+        axis.plot(time_s, np.maximum(curves[name], 1e-16), **style(look), label=name)
     axis.set_yscale("log")
     axis.margins(x=0.0)
     _tidy(axis, "time [s]", "V [J]")

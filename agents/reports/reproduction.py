@@ -16,6 +16,7 @@ import numpy.typing as npt
 from uwoc_gym.agents.flight import Flight, fly
 from uwoc_gym.agents.reports import paper_figures
 from uwoc_gym.agents.reports.documents import Block, Heading, Paragraph, Picture, Table
+from uwoc_gym.agents.reports.figures import D_B, D_C
 from uwoc_gym.agents.reports.paper_figures import Track
 from uwoc_gym.baselines import Gains, gains, paper
 from uwoc_gym.baselines.controllers import one_for_each
@@ -180,7 +181,7 @@ def _case_figures(
     cone = link.cone()
     radius = cone.height_m * math.tan(cone.half_angle_rad)
     logs = [np.log10(np.where(t.bit_rate_bps > 0.0, t.bit_rate_bps, np.nan)) for t in tracks]
-    ranges = {"d_C": cone.slant_height_m, "d_B": cone.height_m}
+    ranges = {D_C: cone.slant_height_m, D_B: cone.height_m}
     angles = [np.rad2deg(t.pointing_error_rad) for t in tracks]
     against = paper_figures.against_time
     figures[f"{prefix}_states"] = partial(paper_figures.states, tracks)

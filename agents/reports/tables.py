@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -120,36 +121,93 @@ def measure_lines(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     ]
 
 
+WIDTH = 100
+"""How wide a table may be that is printed, in characters: a terminal shows it without folding its lines."""
+
+
 def table(data: Sequence[Mapping[str, Any]]) -> str:
-    """The results as Markdown: for each scenario a table with a row per measure and a column per policy."""
+    """The results as Markdown, no wider than a terminal.
+
+    First, of several scenarios, every return at a glance; then for each scenario a row per policy, the measures in as
+    many tables below each other as it takes.
+    """
+    scenarios = list(dict.fromkeys(entry["scenario"] for entry in data))
     parts = []
-    for scenario in dict.fromkeys(entry["scenario"] for entry in data):
+    if len(scenarios) > 1:
+        parts.append(f"### Return\n\n{narrow(*headline(data))}\n")
+    for scenario in scenarios:
         own = [entry for entry in data if entry["scenario"] == scenario]
-        header = ["", *(escaped(entry["policy"]) for entry in own)]
-        lines = [["episodes", *(str(entry["episodes"]) for entry in own)]]
-        lines += measure_lines(own)
-        lines.insert(2, ["return, worst 5 %", *(f"{entry['return_worst']:.1f}" for entry in own)])
-        partner = next((entry["against"]["policy"] for entry in own if entry["against"]), None)
-        if partner is not None:
-            name = escaped(partner)
-            for label, key, digits in ((f"return − {name}", "difference", 2), (f"P(> {name})", "improvement", 3)):
-                cells = [statistics.text(entry["against"][key], digits) if entry["against"] else "" for entry in own]
-                lines.append([label, *cells])
-        text = f"### {escaped(scenario)}\n\n{grid(header, lines)}\n"
+        text = f"### {escaped(scenario)}\n\n{narrow(*_scenario(own))}\n"
         if any(entry["one_episode_stands_for_all_seeds"] for entry in own):
             text += (
                 "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
             )
         parts.append(text)
-    parts.append(
-        "Means over episodes with 95 % bootstrap intervals in brackets. t_a: arrival in the cone; t_b: inside for "
-        "good, or until the first disturbance; Δt: from leaving the cone after the first disturbance to being back "
-        "for good, 0 without an outage; RMSE: from arrival on; availability: share of time inside; effort: RMS of "
-        "force over limit. (m of n never): in m of n episodes it doesn't come to that; the mean is over the others. "
-        "(k of n): the measure applies to k of n episodes; –: to none. return − X: mean of the difference in return, "
-        "episode by episode; P(> X): probability that an episode's return is the higher one.\n"
-    )
+    parts.append(f"{textwrap.fill(_NOTES, WIDTH)}\n")
     return "\n".join(parts)
+
+
+_NOTES = (
+    "Means over episodes with 95 % bootstrap intervals in brackets. t_a: arrival in the cone; t_b: inside for "
+    "good, or until the first disturbance; Δt: from leaving the cone after the first disturbance to being back "
+    "for good, 0 without an outage; RMSE: from arrival on; availability: share of time inside; effort: RMS of "
+    "force over limit. (m of n never): in m of n episodes it doesn't come to that; the mean is over the others. "
+    "(k of n): the measure applies to k of n episodes; –: to none. return − X: mean of the difference in return, "
+    "episode by episode; P(> X): probability that an episode's return is the higher one. At a glance, the highest "
+    "return of a scenario is **bold**."
+)
+
+
+def headline(data: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Header and lines of a table with a row per scenario and a column per policy: its return, the highest bold."""
+    policies = list(dict.fromkeys(entry["policy"] for entry in data))
+    lines = []
+    for scenario in dict.fromkeys(entry["scenario"] for entry in data):
+        own = {entry["policy"]: entry["measures"]["return"] for entry in data if entry["scenario"] == scenario}
+        best = max(own, key=lambda policy: -math.inf if own[policy]["mean"] is None else own[policy]["mean"])
+        cells = {policy: statistics.text(found, 1) for policy, found in own.items()}
+        cells[best] = f"**{cells[best]}**"
+        lines.append([escaped(scenario), *(cells.get(policy, "") for policy in policies)])
+    return ["", *map(escaped, policies)], lines
+
+
+def _scenario(own: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Header and lines of a table with a row for each policy of a scenario."""
+    columns = {"episodes": [str(entry["episodes"]) for entry in own]}
+    measures = measure_lines(own)
+    columns["return"] = measures[0][1:]
+    columns["return, worst 5 %"] = [f"{entry['return_worst']:.1f}" for entry in own]
+    partner = next((entry["against"]["policy"] for entry in own if entry["against"]), None)
+    if partner is not None:
+        name = escaped(partner)
+        for label, key, digits in ((f"return − {name}", "difference", 2), (f"P(> {name})", "improvement", 3)):
+            columns[label] = [
+                statistics.text(entry["against"][key], digits) if entry["against"] else "" for entry in own
+            ]
+    columns |= {heading: cells for heading, *cells in measures[1:]}
+    rows = zip(*columns.values(), strict=True)
+    return ["", *columns], [[escaped(_short(entry["policy"])), *cells] for entry, cells in zip(own, rows, strict=True)]
+
+
+def _short(name: str, most: int = 40) -> str:
+    """A name of which so many characters, the last ones of a path, are to be shown."""
+    return name if len(name) <= most else f"…{name[1 - most :]}"
+
+
+def narrow(header: Sequence[str], lines: Sequence[Sequence[str]], width: int = WIDTH) -> str:
+    """A Markdown table as `grid` makes it, in as many below each other as keep within a width where cells allow.
+
+    Each has the first column, and of the others as many as there is room for.
+    """
+    parts, first, count = [], 1, len(header)
+    while first < count:
+        for last in range(count, first, -1):
+            part = grid([header[0], *header[first:last]], [[line[0], *line[first:last]] for line in lines])
+            if last == first + 1 or len(part.partition("\n")[0]) <= width:
+                break
+        parts.append(part)
+        first = last
+    return "\n\n".join(parts)
 
 
 def escaped(name: str) -> str:

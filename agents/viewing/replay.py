@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from uwoc_gym.agents.flight import Flight
+from uwoc_gym.agents.policies.looks import DASHES, Look, looks
 from uwoc_gym.agents.reports.tables import MEASURES
 from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.env import TrackingEnv
@@ -51,7 +52,10 @@ def page_data(wanted: Episode, flights: dict[str, Flight], start_s: float = 0.0)
         "threshold": _rounded(math.log10(threshold), 3),
         "pulses": [pulse._asdict() for pulse in drawn_pulses(parameters)],
         "ship": _path(longest.ship_pose[::stride]),
-        "policies": [_policy(name, flight, stride) for name, flight in flights.items()],
+        "policies": [
+            _policy(name, flight, stride, look)
+            for (name, flight), look in zip(flights.items(), looks(flights).values(), strict=True)
+        ],
         "outcome": [
             [measure.heading, *(measure.text(row[measure.key]) for row in rows)]
             for measure in MEASURES
@@ -76,7 +80,7 @@ def _path(pose: Any) -> dict[str, list[float]]:
     return {"x": _rounded(pose[:, 0], 3), "y": _rounded(pose[:, 1], 3), "yaw": _rounded(yaw, 3)}
 
 
-def _policy(name: str, flight: Flight, stride: int) -> dict[str, Any]:
+def _policy(name: str, flight: Flight, stride: int, look: Look) -> dict[str, Any]:
     series = flight.series
     inside = flight.record.in_cone[: series.time_s.size, 0]
     rate = series.bit_rate_bps
@@ -85,6 +89,9 @@ def _policy(name: str, flight: Flight, stride: int) -> dict[str, Any]:
     log_rate = [round(math.log10(value), 3) if value > 0.0 else None for value in rate[::stride].tolist()]
     return {
         "name": name,
+        "colour": look.colour,
+        "dash": look.dash,
+        "stroke": " ".join(f"{length:g}" for length in DASHES[look.dash]),
         **_path(series.pose[::stride]),
         "in_cone": inside[::stride].astype(int).tolist(),
         "log_rate": log_rate,

@@ -11,13 +11,14 @@ import pygame
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import decide
+from uwoc_gym.agents.policies.looks import looks
 from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.env import TrackingEnv
-from uwoc_gym.rendering import ACCENTS, Colour, Renderer, text_image
+from uwoc_gym.rendering import Colour, Renderer, text_image
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.spaces import SMALLEST_FRAME
+from uwoc_gym.spaces import SMALLEST_DETAILED
 
 
 class Pilot:
@@ -88,14 +89,16 @@ class Stage:
         self.episode = episode
         self.surface = pygame.Surface(size, 0, 32)
         self._cells = cells(len(episode.policies), size)
-        if any(cell.width < SMALLEST_FRAME[0] or cell.height < SMALLEST_FRAME[1] for cell in self._cells):
+        if any(cell.width < SMALLEST_DETAILED[0] or cell.height < SMALLEST_DETAILED[1] for cell in self._cells):
+            number = f"{len(self._cells)} policies" if len(self._cells) > 1 else "one policy"
             raise CommandError(
-                f"--size {size[0]}x{size[1]} is not allowed with {len(self._cells)} policies; each needs at least "
-                f"{SMALLEST_FRAME[0]}x{SMALLEST_FRAME[1]}."
+                f"--size {size[0]}x{size[1]} is not allowed with {number}; each needs at least "
+                f"{SMALLEST_DETAILED[0]}x{SMALLEST_DETAILED[1]}."
             )
+        own = looks(policy.name for policy in episode.policies)
         self.pilots = [
-            Pilot(policy, episode.scenario, cell.size, ACCENTS[i % len(ACCENTS)], episode.wrapping)
-            for i, (policy, cell) in enumerate(zip(episode.policies, self._cells, strict=True))
+            Pilot(policy, episode.scenario, cell.size, own[policy.name].rgb, episode.wrapping)
+            for policy, cell in zip(episode.policies, self._cells, strict=True)
         ]
         self.reset(episode.seed)
 

@@ -44,6 +44,8 @@ WORK: dict[str, tuple[list[str], Callable[[Path], bool]]] = {
              lambda out: lines(out / "trials.csv") > 20),
     "calibrate": (["nlpd", "--trials", "1000000", "--batch", "8", "--out", "OUT"],
                   lambda out: lines(out / "trials.csv") > 8),
+    "dataset": (["--policy", "pd", "--episodes", "1000000", *BRIEF, "--out", "OUT-v0"],
+                lambda out: (out.with_name(".OUT-v0.part") / "data/main_data.hdf5").is_file()),
     "protocol": (["--groups", "ppo", "--training-seeds", "2", "--steps", "10000000", "--runs", "OUT/runs",
                   "--out", "OUT"],
                  lambda out: len(list(out.glob("runs/*/train.log"))) == 2),
@@ -103,6 +105,10 @@ def test_sigterm_ends_a_command_as_an_interrupt_does(command: str, tmp_path: Pat
             assert results["finished"] is False
             assert results["results"][0]["episodes"] == len(results["episodes"]) > 0
             assert len(results["settings"]["seeds"]) == len(results["episodes"])
+        case "dataset":
+            results = json.loads((tmp_path / "OUT-v0/results.json").read_text())
+            assert results["finished"] is False
+            assert results["results"]["pd"]["episodes"] >= 100
         case "tune" | "calibrate":
             results = json.loads((out / "results.json").read_text())
             assert results["finished"] is False

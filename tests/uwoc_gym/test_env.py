@@ -7,13 +7,19 @@ import subprocess
 import sys
 import warnings
 from contextlib import ExitStack
+from functools import partial
 from unittest.mock import patch
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import FrameStackObservation, NormalizeObservation, RecordEpisodeStatistics
+from gymnasium.wrappers import (
+    FrameStackObservation,
+    NormalizeObservation,
+    RecordEpisodeStatistics,
+    TimeAwareObservation,
+)
 
 import uwoc_gym
 from uwoc_gym import ENV_IDS, SettingError, TrackingEnv
@@ -298,6 +304,74 @@ def test_spec_makes_the_same_environment():
     env = gym.make("uwoc/Nominal-v0", scenario={"vehicle": {"mass_scale": 1.2}})
     again = gym.make(env.spec)
     assert again.unwrapped.scenario == env.unwrapped.scenario
+
+
+def test_infos_are_arrays_where_they_are_asked_for():
+    plain, arrays = gym.make("uwoc/Random-v0"), gym.make("uwoc/Random-v0", info_arrays=True)
+    for env in (plain, arrays):
+        env.reset(seed=0)
+    for _ in range(3):
+        want, got = plain.step(ZERO)[4], pickle.loads(pickle.dumps(arrays)).step(ZERO)[4]
+        arrays.step(ZERO)
+        assert got == want
+        assert {name: (type(value), value.dtype, value.shape) for name, value in got.items()} == {
+            name: (np.ndarray, np.asarray(value).dtype, ()) for name, value in want.items()
+        }
+    with pytest.raises(ValueError, match="info_arrays = 'yes' is not allowed; it must be True or False"):
+        gym.make("uwoc/Random-v0", info_arrays="yes")
+
+
+SAILS = [
+    uwoc_gym.PaperPath(radius_m=(8.0, 9.0)),
+    uwoc_gym.StraightPath(),
+    uwoc_gym.CirclePath(turn="port"),
+    uwoc_gym.RandomPath(),
+    uwoc_gym.LawnMowerPath(leg_length_m=5.0),
+    uwoc_gym.RecordedPath(time_s=(0, 50, 100, 200), x_m=(0, 1, 2, 3), y_m=(10, 9, 8, 7)),
+    uwoc_gym.CarriedOnPath(speed_mps=0.5),
+]
+
+
+@pytest.mark.parametrize("ship", [*SAILS, (SAILS[1], SAILS[2])], ids=lambda each: getattr(each, "kind", "several"))
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_spec_with_objects_goes_through_json(ship, whole):
+    scenario = uwoc_gym.Scenario(ship=ship)
+    env = gym.make("uwoc/Nominal-v0", scenario=scenario if whole else {"ship": ship})
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert again.unwrapped.scenario == env.unwrapped.scenario == scenario
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_spec_says_how_long_episodes_are(vector):
+    made = partial(gym.make_vec, num_envs=2) if vector else gym.make
+    assert made("uwoc/Random-v0").spec.max_episode_steps == 1200
+    assert made("uwoc/Random-v0", control_period_s=0.1).spec.max_episode_steps == 600
+    assert made("uwoc/Random-v0", scenario={"episode": {"duration_s": 90}}).spec.max_episode_steps == 1800
+    assert made("uwoc/Random-v0", max_episode_steps=7).spec.max_episode_steps == 7
+    assert made(made("uwoc/Random-v0", max_episode_steps=7).spec).spec.max_episode_steps == 7
+
+
+def test_what_a_spec_says_of_their_length_ends_no_episode():
+    env = gym.make("uwoc/Nominal-v0", scenario={"episode": {"duration_s": 0.5}})
+    assert env.spec.max_episode_steps == 10
+
+    def steps(env, duration_s=0.5):
+        env.reset(seed=0, options={"scenario": {"episode": {"duration_s": duration_s}}})
+        for step in range(1, 100):
+            if env.step(ZERO)[3]:
+                return step
+
+    assert steps(env) == 10
+    assert steps(env, 2.0) == 40
+    assert steps(gym.make(env.spec)) == 10
+
+
+def test_the_share_of_time_gone_is_seen():
+    env = TimeAwareObservation(gym.make("uwoc/Random-v0", control_period_s=0.1), normalize_time=True)
+    env.reset(seed=0)
+    for _ in range(6):
+        seen = env.step(ZERO)[0]
+    assert seen[-1] == pytest.approx(6 / 600)
 
 
 def test_standard_wrappers():

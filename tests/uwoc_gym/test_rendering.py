@@ -2,6 +2,7 @@
 
 import copy
 import importlib
+import itertools
 import pickle
 import re
 import subprocess
@@ -66,6 +67,70 @@ def test_a_frame_has_its_size_and_shows_the_link(size):
     for frame, shown, absent in ((outside, rendering.RED, rendering.GREEN), (inside, rendering.GREEN, rendering.RED)):
         assert count(frame[: 2 * header], shown) > 10
         assert count(frame[: 2 * header], absent) == 0
+
+
+def centre(frame, colour):
+    """Mean column and row of the pixels of a colour."""
+    return np.argwhere(np.abs(frame.astype(int) - colour).max(axis=-1) <= 3).mean(axis=0)[::-1]
+
+
+@pytest.mark.parametrize("size", [(84, 84), (32, 32), (64, 48), (300, 400)])
+def test_a_small_frame_shows_cone_ship_and_auv(size):
+    env = TrackingEnv(scenario="Nominal", render_mode="rgb_array", render_size=size)
+    env.reset(seed=0, options={"pose": (4.0, 10.0, 0.0), "velocity": (0.0, 0.0, 0.0)})
+    ship = env.state()["ship_pose"]
+    outside = env.render()
+    assert outside.shape == (size[1], size[0], 3)
+    # The ship lies 4 m south of the AUV: half the way from the picture's middle to its upper edge.
+    np.testing.assert_allclose(ship[:2], (0.0, 10.0), atol=1e-9)
+    side = min(size)
+    for colour in (rendering.ACCENT, rendering.CONE_DARK):
+        assert count(outside, colour) >= 4
+    assert count(outside, rendering.CONE_LIT) == 0
+    at = centre(outside, rendering.ACCENT)
+    np.testing.assert_allclose(at, (size[0] / 2, size[1] / 2 - side * 4.0 / 17.6), atol=0.05 * side)
+    env.reset(seed=0, options={"pose": (0.5, 10.0, 0.0), "velocity": (0.0, 0.0, 0.0)})
+    inside = env.render()
+    assert count(inside, rendering.CONE_DARK) == 0
+    assert count(inside, rendering.CONE_LIT) >= 4
+    assert count(inside, rendering.ACCENT) >= 4
+    # The footprint, 2.2 m around the ship, is what it is in the picture's scale, less what stands on it.
+    lit = count(inside, rendering.CONE_LIT) + count(inside, rendering.ACCENT) + count(inside, (255, 255, 255))
+    assert lit == pytest.approx(np.pi * (2.2025 * side / 17.62) ** 2, rel=0.35 if side < 50 else 0.2)
+
+
+def test_a_small_frame_shows_headings_and_what_is_far_off():
+    env = TrackingEnv(scenario="Nominal", render_mode="rgb_array", render_size=(84, 84))
+    frames = []
+    for yaw in (0.0, 1.0, 2.0):
+        env.reset(seed=0, options={"pose": (0.5, 10.0, yaw), "velocity": (0.0, 0.0, 0.0)})
+        frames.append(env.render())
+    assert not any(np.array_equal(a, b) for a, b in itertools.combinations(frames, 2))
+    env.reset(seed=0, options={"pose": (0.0, 90.0, 0.0), "velocity": (0.0, 0.0, 0.0)})
+    at = centre(env.render(), rendering.ACCENT)
+    np.testing.assert_allclose(at, (84 * 0.94, 42), atol=3)
+
+
+def test_a_banner_stays_off_the_ships_name():
+    banner = (120, 40, 20)
+    env = TrackingEnv(scenario="StrongPulse", render_mode="rgb_array", render_size=(640, 720))
+    env.reset(seed=0)
+    env.render()
+    fly(env, 610)
+    frame = env.render()
+    rows, columns = np.nonzero(np.abs(frame.astype(int) - banner).max(axis=-1) <= 3)
+    assert rows.size > 2000
+    # The ship and its name are in the middle.
+    assert columns.max() < 300
+    # Words that would reach the name go to the other side.
+    env = TrackingEnv(scenario="Nominal", render_mode="rgb_array", render_size=(640, 720))
+    env.reset(seed=0)
+    env.render()
+    fly(env, 100)
+    env.renderer.note("words enough to reach the name of the ship")
+    rows, columns = np.nonzero(np.abs(env.render().astype(int) - banner).max(axis=-1) <= 3)
+    assert columns.min() > 200
+    assert columns.max() > 600
 
 
 def test_frames_are_the_same_for_the_same_seed_and_follow_the_state():
@@ -285,7 +350,7 @@ def test_without_pygame_the_extra_is_named():
             "render_mode = 'ansi' is not allowed; it must be None or one of 'human', 'rgb_array'.",
         ),
         (TrackingVectorEnv, {"render_mode": "human"}, "HumanRendering"),
-        (TrackingEnv, {"render_size": (100, 100)}, "render_size = (100, 100) is not allowed; it must be"),
+        (TrackingEnv, {"render_size": (84, 31)}, "render_size = (84, 31) is not allowed; it must be"),
         (TrackingEnv, {"render_size": (640.5, 360)}, "render_size"),
         (TrackingEnv, {"render_size": "big"}, "render_size = 'big'"),
         (TrackingVectorEnv, {"render_size": None}, "render_size = None"),
@@ -361,3 +426,17 @@ def test_pulses_are_put_into_words():
     env.reset(seed=0)
     assert drawn_pulses(env.parameters()) == [(30.0, 31.0, "pulse: 1500 N, 1500 N, 1500 N m")]
     assert drawn_pulses({}) == []
+
+
+def test_pictures_outlive_pygames_end():
+    """In a process of its own, which a dead font would end."""
+    code = (
+        "import gymnasium as gym, numpy as np, pygame, uwoc_gym\n"
+        "env = gym.make('uwoc/Random-v0', render_mode='rgb_array', render_size=(320, 180))\n"
+        "env.reset(seed=0)\n"
+        "before = env.render()\n"
+        "for _ in range(2):\n"
+        "    pygame.quit()\n"
+        "    np.testing.assert_array_equal(env.render(), before)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)

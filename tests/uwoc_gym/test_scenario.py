@@ -230,7 +230,7 @@ def all_parameters():
 @pytest.mark.parametrize("parameters", all_parameters(), ids=lambda each: each.__name__)
 def test_every_number_has_finite_bounds_and_its_default_within(parameters):
     for field in dataclasses.fields(parameters):
-        spec = field.metadata["spec"]
+        spec = parameters.specs().get(field.name)
         if isinstance(spec, NumberSpec):
             low, high = (spec.low, spec.high) if field.default is None else np.ravel(field.default)[[0, -1]]
             assert -math.inf < spec.low <= low <= high <= spec.high < math.inf, field.name

@@ -220,6 +220,81 @@ def test_vector_wrappers():
     assert [info["episode"]["l"] for info in infos] == [STEPS, STEPS]
 
 
+def alike(n, seed=3):
+    """Ours and Gymnasium's vector of the same environments, some steps into their episodes."""
+    both = make(n, render_mode="rgb_array", render_size=(320, 180)), gym.make_vec(
+        "uwoc/Random-v0", num_envs=n, vectorization_mode="sync", max_episode_steps=STEPS, render_mode="rgb_array",
+        render_size=(320, 180),
+    )  # fmt: skip
+    for env in both:
+        env.reset(seed=seed)
+        for action in actions(n, 5):
+            env.step(action)
+    return [both[0].unwrapped, both[1]]
+
+
+def test_what_is_called_by_name_is_what_gymnasiums_vectors_give():
+    ours, theirs = alike(3)
+    for env in (ours, theirs):
+        assert env.call("push", (30.0, -50.0, 20.0)) == (None,) * 3
+        env.step(actions(3, 1)[0])
+    for name in ("state", "parameters"):
+        for got, want in zip(ours.call(name), theirs.call(name), strict=True):
+            assert {key: type(value) for key, value in got.items()} == {k: type(v) for k, v in want.items()}
+            for key, value in want.items():
+                np.testing.assert_array_equal(got[key], value, err_msg=key)
+    for got, want in zip(ours.call("snapshot"), theirs.call("snapshot"), strict=True):
+        assert got.shape == want.shape
+        assert got["auv"].tobytes() == want["auv"].tobytes()
+    for name in ("scenario", "action_space", "observation_space", "render_mode"):
+        assert ours.get_attr(name) == theirs.get_attr(name)
+
+
+def test_pictures_are_called_by_name():
+    pytest.importorskip("pygame")
+    ours, theirs = alike(2)
+    shapes = [[frame.shape for frame in env.call("render")] for env in (ours, theirs)]
+    assert shapes == [[(180, 320, 3)] * 2] * 2
+    silent = TrackingVectorEnv(2)
+    silent.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode|render mode"):
+        assert silent.call("render") == (None, None)
+
+
+def test_attributes_of_ones_own_are_kept():
+    for env in alike(2):
+        env.set_attr("level", [1, 2])
+        assert env.get_attr("level") == (1, 2)
+        env.set_attr("level", 5)
+        assert env.get_attr("level") == (5, 5)
+        with pytest.raises(ValueError, match="2"):
+            env.set_attr("level", [1])
+        with pytest.raises(AttributeError):
+            env.get_attr("nothing_like_it")
+
+
+def test_refuses_what_isnt_one_environments_own():
+    env = TrackingVectorEnv(2)
+    with pytest.raises(ValueError, match=r"set_attr\('scenario'\) is not allowed; the environments share"):
+        env.set_attr("scenario", None)
+    with pytest.raises(ValueError, match=r"call\('reset'\) is not allowed; reset acts on all"):
+        env.call("reset")
+    with pytest.raises(gym.error.ResetNeeded):
+        env.call("push", (1.0, 0.0, 0.0))
+    env = make(2, AutoresetMode.DISABLED).unwrapped
+    env.reset(seed=0)
+    for action in actions(2, STEPS):
+        env.step(action)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.push((1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_the_autoreset_mode_is_where_others_look_for_it(mode):
+    env = make(1, mode.value)
+    assert env.metadata["autoreset_mode"] is env.unwrapped.autoreset_mode is mode
+
+
 def test_metadata_belongs_to_the_instance():
     same, following = make(1, AutoresetMode.SAME_STEP), make(1)
     assert same.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP

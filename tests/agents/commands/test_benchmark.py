@@ -179,3 +179,44 @@ def test_a_policy_that_fails_is_named_in_one_line(
     last = capsys.readouterr().err.splitlines()[-1]
     assert "uwoc-gym benchmark: error: policy 'uwoc_policies_of_a_test:broken'" in last
     assert message in last
+
+
+def test_the_time_left_is_what_flights_of_the_same_policy_took() -> None:
+    """A minute of compiling before them says nothing, and the slow policy alone is slow."""
+    clock = iter([0.0, 60.0, 62.0, 82.0]).__next__
+    scenario = SHORT
+    flights = [(policy, scenario, range(50)) for _ in range(3) for policy in ("fast", "slow")]
+    left = benchmark.TimeLeft(flights, clock)
+    left.begin()
+    assert left.seconds() is None
+    assert left.words() == "flying"
+    left.done()
+    assert left.seconds() == pytest.approx(5 * 2.0)
+    left.done()
+    assert left.seconds() == pytest.approx(2 * 2.0 + 2 * 20.0)
+    assert left.words() == "about 44 s left"
+
+
+def test_a_longer_episode_takes_longer_and_a_lone_one_little_less_than_a_batch() -> None:
+    clock = iter([0.0, 0.0, 11.0]).__next__
+    longer = SHORT.merged({"episode": {"duration_s": 50.0}})
+    left = benchmark.TimeLeft([("pd", SHORT, range(50)), ("pd", longer, range(50)), ("pd", longer, range(1))], clock)
+    left.begin()
+    share = left.done() / left.work
+    assert left.seconds() == pytest.approx(11.0 * (1.0 / share - 1.0))
+    assert left.seconds() == pytest.approx(110.0 + 110.0, rel=0.1)
+
+
+def test_nothing_is_promised_before_something_has_flown(
+    scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _fly(scenario_file, tmp_path / "out", "--policy", "pd", "nlpd") == 0
+    bars = capsys.readouterr().err.split("\r")
+    assert "compiling" in bars[1] or "compiling" in bars[0]
+    assert not any("left" in bar for bar in bars if " 0 of 6 episodes" in bar)
+    assert bars[-1].strip().endswith("done: 6 episodes")
+
+
+def test_returns_over_seeds_are_drawn_as_profiles(scenario_file: Path, tmp_path: Path) -> None:
+    assert _fly(scenario_file, tmp_path / "out", "--policy", "pd") == 0
+    assert (tmp_path / "out/short-profile.png").read_bytes()[:4] == b"\x89PNG"

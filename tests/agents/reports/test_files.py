@@ -47,3 +47,22 @@ def test_results_name_their_scenarios_by_digest(tmp_path: Path) -> None:
     assert found["command"] == "uwoc-gym x"
     assert found["versions"]["numba"]
     assert found["score"] is None
+
+
+def test_a_folder_is_whole_or_not_there(tmp_path: Path) -> None:
+    target = tmp_path / "deep" / "data"
+
+    def fill(name: str, full: bool = False) -> None:
+        with files.whole_folder(target) as part:
+            (part / name).write_text(name)
+            if full:
+                raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        fill("half", full=True)
+    assert list(tmp_path.iterdir()) == []
+    fill("all")
+    assert [path.name for path in target.parent.rglob("*")] == ["data", "all"]
+    with pytest.raises(OSError, match="not empty"):
+        fill("other")
+    assert [path.name for path in target.parent.rglob("*")] == ["data", "all"]

@@ -9,6 +9,16 @@ import pytest
 from uwoc_gym.agents.reports import tables
 
 
+def cells(text: str) -> dict[str, dict[str, str]]:
+    """The cells of a printed table by policy and heading, whatever tables they stand in."""
+    found: dict[str, dict[str, str]] = {}
+    for block in text.split("\n\n"):
+        rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in block.split("\n") if "|" in line]
+        for name, *values in rows[2:]:
+            found.setdefault(name, {}).update(zip(rows[0][1:], values, strict=True))
+    return found
+
+
 def test_the_benchmark_counts_what_says_never() -> None:
     measures = {measure.key: 1.0 for measure in tables.MEASURES}
     rows = [
@@ -21,11 +31,7 @@ def test_the_benchmark_counts_what_says_never() -> None:
     assert counts["arrival_time_s"] == (2, 1, 3)
     assert counts["restoring_time_s"] == (1, 1, 3)
     assert counts["return"] == (3, 0, 3)
-    lines = {
-        line.split("|")[1].strip(): line.split("|")[2].strip()
-        for line in tables.table([found]).split("\n")
-        if "|" in line
-    }
+    lines = cells(tables.table([found]))["pd"]
     assert lines["t_a [s]"] == "2.00 (1 of 3 never)"
     assert lines["Δt [s]"] == "0.25 (2 of 3, 1 of them never)"
 
@@ -59,13 +65,35 @@ def test_a_name_breaks_no_table(name: str) -> None:
     assert tables.escaped(name) == NAMES[name]
     rows = [{measure.key: 1.0 for measure in tables.MEASURES}]
     results = [tables.Result(name, policy, rows, False) for policy in (name, "nlpd-tuned")]
-    lines = tables.table(tables.results_data(results, 0)).splitlines()
-    assert lines[0] == f"### {NAMES[name]}"
-    table = [line for line in lines if line.startswith("|")]
-    assert f"| {NAMES[name]} " in table[0]
-    bare = [line.replace(r"\|", "") for line in table]
-    assert {line.count("|") for line in bare} == {4}
-    assert len(table) == len(tables.MEASURES) + 6
+    text = tables.table(tables.results_data(results, 0))
+    assert text.splitlines()[0] == f"### {NAMES[name]}"
+    blocks = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
+    shown = set()
+    for block in blocks:
+        assert len(block) == 4
+        assert len({line.replace(r"\|", "").count("|") for line in block}) == 1
+        assert block[2].startswith(f"| {NAMES[name]} ")
+        shown |= {heading.strip() for heading in block[0].split("|")[2:-1]}
+    assert shown >= {measure.heading for measure in tables.MEASURES} | {"episodes", "return − nlpd-tuned"}
+
+
+def test_a_printed_table_fits_a_terminal() -> None:
+    rows = [{measure.key: 12345.678 + k for measure in tables.MEASURES} for k in range(9)]
+    names = ["pd", "nlpd-tuned", "a folder/of many/with a name that is longer than any terminal is wide/model.zip"]
+    results = [tables.Result(scenario, name, rows, False) for scenario in ("Nominal", "Random") for name in names]
+    text = tables.table(tables.results_data(results, 0))
+    assert max(map(len, text.splitlines())) <= tables.WIDTH
+    assert "…" in text
+    assert names[2][-30:] in text
+
+
+def test_the_returns_at_a_glance_say_who_leads() -> None:
+    rows = {name: [{measure.key: value for measure in tables.MEASURES}] for name, value in (("pd", 1.0), ("ppo", 2.0))}
+    rows["lost"] = [{measure.key: math.nan for measure in tables.MEASURES}]
+    results = [tables.Result(scenario, name, each, True) for scenario in ("A", "B") for name, each in rows.items()]
+    header, lines = tables.headline(tables.results_data(results, 0))
+    assert header == ["", "pd", "ppo", "lost"]
+    assert lines == [["A", "1.0", "**2.0**", "–"], ["B", "1.0", "**2.0**", "–"]]
 
 
 def test_cells_and_code_stay_in_their_place() -> None:

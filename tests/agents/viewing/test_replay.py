@@ -17,6 +17,7 @@ import pytest
 from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.policies.looks import LOOKS
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.viewing import replay
 from uwoc_gym.agents.viewing.episode import Episode
@@ -161,8 +162,8 @@ def test_the_page_in_a_browser(page: Path, browser: Any) -> None:
     scene = browser.find_element(By.ID, "scene")
     seek(browser, 31.3)
     pulse = picture_of(scene)
-    assert hues(pulse, (0, 114, 178)) > 60
-    assert hues(pulse, (213, 94, 0)) > 60
+    for name in ("pd-plain", "nlpd"):
+        assert hues(pulse, LOOKS[name].rgb) > 60, name
     positions = browser.execute_script(f"{vehicles}.map(t => [t.x[0], t.y[0]])")
     assert np.hypot(*np.subtract(*positions)) > 0.3
 
@@ -203,3 +204,32 @@ def test_the_page_in_a_browser(page: Path, browser: Any) -> None:
     assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
     assert len([url for url in requests if url.startswith("file:")]) <= 1
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+def test_nothing_hides_a_chart_on_a_small_screen(page: Path, browser: Any) -> None:
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import Select, WebDriverWait
+
+    # What the page gets is the screen, whatever a browser's own bars take of a window.
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", {"width": 1280, "height": 720, "deviceScaleFactor": 1, "mobile": False}
+    )
+    try:
+        browser.get(page.as_uri())
+        WebDriverWait(browser, 60).until(lambda it: it.execute_script("return document.body.dataset.ready") == "yes")
+        scene, charts, bar = (browser.find_element(By.ID, name).rect for name in ("scene", "charts", "transport"))
+        assert scene["height"] > 180
+        assert charts["height"] > 240
+        assert scene["y"] + scene["height"] <= charts["y"]
+        assert charts["y"] + charts["height"] <= bar["y"]
+        assert bar["y"] + bar["height"] <= 720
+        drawn = browser.execute_script("return document.getElementById('charts')._fullLayout.height")
+        assert drawn == pytest.approx(charts["height"], abs=2)
+
+        # A close-up of the charts goes along with the time shown.
+        Select(browser.find_element(By.ID, "span")).select_by_value("3")
+        seek(browser, 31.5)
+        shown = browser.execute_script("return document.getElementById('charts')._fullLayout.xaxis.range")
+        assert shown == pytest.approx([30.0, 33.0])
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

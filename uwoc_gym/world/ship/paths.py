@@ -10,10 +10,10 @@ from __future__ import annotations
 import csv
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -79,6 +79,12 @@ class ShipMotion(NamedTuple):
 class ShipPath(Parameters):
     """Base of all paths."""
 
+    # A field, so that it is in what `dataclasses.asdict` gives, and so in the JSON of an EnvSpec.
+    kind: str = field(default="", init=False, repr=False, compare=False)  # type: ignore[misc]
+
+    def __init_subclass__(cls, kind: str) -> None:
+        cls.kind = kind
+
     def segments(self) -> Array:
         """The splines of a recorded path, as `SEGMENT`s; none for the others."""
         return np.empty(0)
@@ -125,13 +131,11 @@ class ShipPath(Parameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperPath(ShipPath):
+class PaperPath(ShipPath, kind="paper"):
     """The paper's ship: a circle about the origin from (0, radius), its heading swinging about x (paper, sec. 4).
 
     x = radius · sin(rate · t), y = radius · cos(rate · t), yaw = swing · sin(rate · t).
     """
-
-    kind: ClassVar[str] = "paper"
 
     radius_m: Number = number(10.0, "m", "radius of the circle", low=0.0, high=1e6, source="paper, sec. 4")
     rate_rad_s: Number = number(
@@ -154,10 +158,8 @@ class PaperPath(ShipPath):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StraightPath(ShipPath):
+class StraightPath(ShipPath, kind="straight"):
     """A straight line at constant speed, heading along it."""
-
-    kind: ClassVar[str] = "straight"
 
     x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
     y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
@@ -166,10 +168,8 @@ class StraightPath(ShipPath):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CirclePath(ShipPath):
+class CirclePath(ShipPath, kind="circle"):
     """A circle at constant speed, heading along it."""
-
-    kind: ClassVar[str] = "circle"
 
     x_m: Number = number(0.0, "m", "x of the centre", low=-FARTHEST_M, high=FARTHEST_M)
     y_m: Number = number(0.0, "m", "y of the centre", low=-FARTHEST_M, high=FARTHEST_M)
@@ -189,14 +189,12 @@ class CirclePath(ShipPath):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RandomPath(ShipPath):
+class RandomPath(ShipPath, kind="random"):
     """A smooth random path: steady way along a course plus three turning vectors with random periods and phases.
 
     The turning vectors' speeds add up to ``wander`` times the mean speed, so that the ship never stops; its heading
     is that of its velocity. Periods, phases and senses are drawn anew each episode.
     """
-
-    kind: ClassVar[str] = "random"
 
     x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
     y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
@@ -213,10 +211,8 @@ class RandomPath(ShipPath):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawnMowerPath(ShipPath):
+class LawnMowerPath(ShipPath, kind="lawn-mower"):
     """Parallel legs joined by half circles, first to one side, then to the other, heading along the path."""
-
-    kind: ClassVar[str] = "lawn-mower"
 
     x_m: Number = number(0.0, "m", "x at time 0", low=-FARTHEST_M, high=FARTHEST_M)
     y_m: Number = number(0.0, "m", "y at time 0", low=-FARTHEST_M, high=FARTHEST_M)
@@ -228,15 +224,13 @@ class LawnMowerPath(ShipPath):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedPath(ShipPath):
+class RecordedPath(ShipPath, kind="recorded"):
     """A recorded path: a cubic spline with continuous acceleration through samples of position and heading.
 
     Velocity and acceleration are the spline's derivatives, hence consistent with the position. Without ``yaw_rad``
     the heading follows the course over ground. A ship that goes faster than 100 m/s from one sample to the next is
     refused.
     """
-
-    kind: ClassVar[str] = "recorded"
 
     time_s: tuple[float, ...] = samples("s", "increasing times from 0, four or more")
     x_m: tuple[float, ...] = samples("m", "x at these times")
@@ -355,13 +349,11 @@ def _splines(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CarriedOnPath(ShipPath):
+class CarriedOnPath(ShipPath, kind="carried-on"):
     """A motion carried on as it is at one moment: the course turns at a constant rate, and so does the heading.
 
     That is what can be said of a ship whose plans aren't known, from a fix, its velocity and its rate of turn.
     """
-
-    kind: ClassVar[str] = "carried-on"
 
     x_m: Number = number(0.0, "m", "x at that moment", low=-FARTHEST_M, high=FARTHEST_M)
     y_m: Number = number(0.0, "m", "y at that moment", low=-FARTHEST_M, high=FARTHEST_M)

@@ -1,0 +1,270 @@
+"""The card beside each shipped agent: how to load it, what it was trained on, what it scores, and where it loses.
+
+    python -m uwoc_gym.agents.reports.cards RESULTS
+
+writes the cards anew from the ``results.json`` of `uwoc-gym benchmark --seeds 200`, and keeps its figures beside them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.policies import archive, saved
+from uwoc_gym.agents.policies.registry import TRAINED, shipped
+from uwoc_gym.agents.reports import files, statistics, tables
+
+CARD = "CARD.md"
+SCORES = TRAINED / "scores.json"
+"""What every policy scored in the benchmark that the cards are written from."""
+
+REFERENCE = "nlpd-tuned"
+"""What agents are compared with, episode by episode."""
+
+_COMPARED = {
+    "arrival_time_s": ("arrives later", 1.0),
+    "rmse_x_m": ("has a larger error in x", 1.0),
+    "rmse_y_m": ("has a larger error in y", 1.0),
+    "rmse_yaw_rad": ("has a larger error in yaw", 1.0),
+    "availability": ("is less available", -1.0),
+    "delivered_gbit": ("delivers less", -1.0),
+    "effort": ("takes more effort", 1.0),
+}
+"""Measures in which an agent may be worse, in words, and whether more is worse."""
+
+
+def kept(results: Mapping[str, Any]) -> dict[str, Any]:
+    """What is kept of a benchmark's ``results.json``."""
+    keys = ("return", *_COMPARED, "lost")
+    return {
+        "command": results["command"],
+        "versions": results["versions"],
+        "scenarios": results["scenarios"],
+        "results": [
+            {**entry, "measures": {key: entry["measures"][key] for key in keys}} for entry in results["results"]
+        ],
+    }
+
+
+def verdict(against: Mapping[str, Any]) -> str:
+    """Whether a policy is "ahead" of another in return, "behind", or "even": its interval holds no difference."""
+    value, low, high = (against["difference"][key] for key in ("value", "low", "high"))
+    # Where nothing is drawn, one episode is all there is.
+    low, high = (value if end is None else end for end in (low, high))
+    return "ahead" if low > 0.0 else "behind" if high < 0.0 else "even"
+
+
+def standings(scores: Mapping[str, Any], name: str) -> dict[str, list[str]]:
+    """The scenarios in which a policy is ahead of the reference in return, even with it, and behind."""
+    found: dict[str, list[str]] = {"ahead": [], "even": [], "behind": []}
+    for entry in scores["results"]:
+        if entry["policy"] == name and entry["against"]:
+            found[verdict(entry["against"])].append(entry["scenario"])
+    return found
+
+
+def card(name: str, description: str, trained: Mapping[str, Any], scores: Mapping[str, Any], model: Path) -> str:
+    """The card of an agent as Markdown.
+
+    Args:
+        name: Its name.
+        description: What it is, in a line.
+        trained: The ``results.json`` of its training.
+        scores: What `kept` keeps.
+        model: Its file.
+    """
+    said = archive.read(model)
+    own = {entry["scenario"]: entry for entry in scores["results"] if entry["policy"] == name}
+    reference = {entry["scenario"]: entry for entry in scores["results"] if entry["policy"] == REFERENCE}
+    best = trained["best"]["return"]
+    practice = trained["settings"].get("env_kwargs", {}).get("scenario")
+    sees = f"the last {said.frame_stack} observations, oldest first, zeros before the first"
+    parts = [
+        f"# {name}",
+        f"{description}. Written by `python -m uwoc_gym.agents.reports.cards`; don't edit.",
+        "## How to load it",
+        f"It sees {sees if said.frame_stack > 1 else 'one observation'}"
+        + (", and corrects a controller whose gains are in its file" if said.residual is not None else "")
+        + ". `uwoc_gym.agents.load` rebuilds all of that, and runs nothing that is in the file:",
+        _block(
+            "import gymnasium as gym",
+            "import numpy as np",
+            "from uwoc_gym.agents import load",
+            "",
+            'env = gym.make("uwoc_gym:uwoc/Random-v0")',
+            f'policy = load("{name}", "Random")',
+            "observation, info = env.reset(seed=0)",
+            "memory, begun, total, ended = None, np.array([True]), 0.0, False",
+            "while not ended:",
+            "    action, memory = policy.predict(observation, memory, begun, deterministic=True)",
+            "    observation, reward, terminated, truncated, info = env.step(action)",
+            "    total, begun, ended = total + reward, np.array([False]), terminated or truncated",
+            "print(total)",
+        ),
+        *_plain_sb3(name, said),
+        f"From a shell: `uwoc-gym benchmark --policy {name} nlpd-tuned --scenario Random`.",
+        "## What it was trained on",
+        "\n".join(
+            [
+                f"- By {tables.code(trained['command'])}: {trained['steps']:,} steps of `{trained['env']}` from seed "
+                f"{trained['seed']}, in {trained['wall_time_s'] / 60.0:.0f} min, with "
+                + ", ".join(f"{each} {trained['versions'][each]}" for each in ("stable-baselines3", "torch"))
+                + ".",
+                "- It practised in episodes that differ from the scenario's in: "
+                + (tables.code(json.dumps(practice)) + "." if practice else "nothing."),
+                "- It is the checkpoint, and of its group's trainings the one, with the best return on "
+                f"{best['episodes']} validation seeds: {statistics.text(best, 1)}. The seeds below are others.",
+                "- It takes the 20 observations and 3 actions of the `v0` IDs, at their control periods, and has only "
+                "ever flown in this simulation.",
+            ]
+        ),
+        "## What it scores",
+        f"By {tables.code(scores['command'])}, on held-out seeds. In brackets: 95 % bootstrap intervals over seeds, of "
+        "this one training; where an ID draws nothing, one episode is all there is. Difference and probability: in "
+        f"return against `{REFERENCE}`, episode by episode.",
+        tables.grid(
+            ["ID", "episodes", "return", "worst 5 %", f"`{REFERENCE}`", "difference", "P(better)", "lost"],
+            [
+                [
+                    scenario,
+                    str(entry["episodes"]),
+                    statistics.text(entry["measures"]["return"], 1),
+                    f"{entry['return_worst']:.1f}",
+                    statistics.text(reference[scenario]["measures"]["return"], 1),
+                    statistics.text(entry["against"]["difference"], 2),
+                    statistics.text(entry["against"]["improvement"], 2),
+                    statistics.text(entry["measures"]["lost"], 2),
+                ]
+                for scenario, entry in own.items()
+            ],
+        ),
+        tables.grid(
+            ["ID", "arrival [s]", "RMSE x, y [m]", "RMSE yaw [rad]", "availability", "delivered [Gbit]", "effort"],
+            [
+                [
+                    scenario,
+                    statistics.text(found["arrival_time_s"], 2),
+                    f"{found['rmse_x_m']['mean']:.3f}, {found['rmse_y_m']['mean']:.3f}",
+                    statistics.text(found["rmse_yaw_rad"], 3),
+                    statistics.text(found["availability"], 4),
+                    statistics.text(found["delivered_gbit"], 1),
+                    statistics.text(found["effort"], 3),
+                ]
+                for scenario, found in ((scenario, entry["measures"]) for scenario, entry in own.items())
+            ],
+        ),
+        "## Where it leads and where it loses",
+        _standing(name, scores),
+        _losses({scenario: (entry["measures"], reference[scenario]["measures"]) for scenario, entry in own.items()}),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _block(*lines: str) -> str:
+    return "\n".join(["```python", *lines, "```"])
+
+
+def _plain_sb3(name: str, said: archive.Description) -> list[str]:
+    """How Stable-Baselines3 alone loads it, where it can."""
+    algorithm = said.algorithm.upper()
+    if said.residual is not None:
+        return [
+            f"`{algorithm}.load` of Stable-Baselines3 reads `model.zip`, but gives the correction alone, which is "
+            "nothing without the controller."
+        ]
+    return [
+        f"`{algorithm}.load` of Stable-Baselines3 gives the network, which takes {said.frame_stack} observations in "
+        "one; `predict` on a single one fails. `VecFrameStack` stacks them:",
+        _block(
+            f"from stable_baselines3 import {algorithm}",
+            "from stable_baselines3.common.evaluation import evaluate_policy",
+            "from stable_baselines3.common.vec_env import VecFrameStack",
+            "from uwoc_gym.agents.policies.registry import TRAINED",
+            "from uwoc_gym.sb3 import TrackingVecEnv",
+            "",
+            f'env = VecFrameStack(TrackingVecEnv("uwoc/Random-v0", n_envs=8, seed=0), {said.frame_stack})',
+            f'model = {algorithm}.load(TRAINED / "{name}" / "model.zip", env=env, device="cpu")',
+            "mean, deviation = evaluate_policy(model, env, n_eval_episodes=8, warn=False)",
+            "print(mean)",
+        ),
+    ]
+
+
+def _standing(name: str, scores: Mapping[str, Any]) -> str:
+    found = standings(scores, name)
+    count = sum(map(len, found.values()))
+    words = {"ahead": f"ahead of `{REFERENCE}`", "even": "neither ahead nor behind", "behind": "behind it"}
+    told = [
+        f"{words[key]} on {len(each)}" + (f" ({', '.join(each)})" if each else "")
+        for key, each in found.items()
+        if each or key != "even"
+    ]
+    return f"In return, of {count} IDs: {'; '.join(told)}."
+
+
+def _losses(pairs: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]]) -> str:
+    """The measures in which it is worse than the reference by more than the intervals of both."""
+    lines = []
+    for key, (words, sense) in _COMPARED.items():
+        worse = [scenario for scenario, (own, other) in pairs.items() if _worse(own[key], other[key], sense)]
+        if worse:
+            lines.append(f"- {words} in {', '.join(worse)}")
+    head = f"Beside `{REFERENCE}`, by more than both intervals, it"
+    return "\n".join([f"{head}\n", *lines]) if lines else f"{head} is worse in no other measure."
+
+
+def _worse(own: Mapping[str, Any], other: Mapping[str, Any], sense: float) -> bool:
+    """Whether a mean is worse with its whole interval."""
+    if own["mean"] is None or other["mean"] is None:
+        return False
+    ends = [
+        sorted(sense * (found["mean"] if found[end] is None else found[end]) for end in ("low", "high"))
+        for found in (own, other)
+    ]
+    # To what a table shows.
+    return bool(ends[0][0] > ends[1][1] + 1e-3 * abs(other["mean"]))
+
+
+def write(results: Mapping[str, Any], folder: Path = TRAINED) -> list[Path]:
+    """Write the cards of a folder's agents, and the figures that they are from; returns the paths of the cards.
+
+    Raises:
+        CommandError: An agent, or what it is compared with, isn't among the results.
+    """
+    scores = kept(results)
+    agents = shipped(folder)
+    flown = {entry["policy"] for entry in scores["results"]}
+    missing = sorted({*agents, REFERENCE} - flown)
+    if missing:
+        raise CommandError(f"the results lack {', '.join(missing)}; fly them all: uwoc-gym benchmark --seeds 200.")
+    texts = {}
+    for name, policy in agents.items():
+        trained = files.read_json(folder / name / "results.json")
+        texts[folder / name / CARD] = card(name, policy.description, trained, scores, folder / name / saved.MODEL)
+    files.write_json(folder / SCORES.name, scores)
+    for path, text in texts.items():
+        files.write_text(path, text)
+    return list(texts)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write the cards from a results.json; returns the exit status."""
+    try:
+        (path,) = arguments
+        for written in write(files.read_json(Path(path))):
+            print(written)
+    except ValueError:
+        print("usage: python -m uwoc_gym.agents.reports.cards RESULTS, a results.json of uwoc-gym benchmark")
+        return 2
+    except CommandError as error:
+        print(f"cards: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
