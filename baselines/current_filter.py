@@ -15,27 +15,24 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.baselines.kalman import Belief, belief, chosen, correct, matrix
+from uwoc_gym.baselines.numbers import fixed
 from uwoc_gym.baselines.observers import Memory
-from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.parameters import Parameters
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.task.observation import Measured
 
 Array = npt.NDArray[np.float64]
 
 
-def _number(default: float, unit: str, text: str, low: float, high: float) -> float:
-    return number(default, unit, text, low=low, high=high, randomisable=False, source="project default")
-
-
 @dataclass(frozen=True, kw_only=True)
 class CurrentFilterSettings(Parameters):
     """What the filter takes for granted."""
 
-    current_std_mps: float = _number(0.4, "m/s", "current along each axis before anything is known", 0.0, 10.0)
-    drift_mps: float = _number(0.03, "m/s/√s", "drift of the current", 0.0, 10.0)
-    force: float = _number(0.1, "√s", "force that is not known, as a share of the actuators' limits", 0.0, 100.0)
-    velocity_std_mps: float = _number(0.02, "m/s", "error of the measured velocity", 1e-4, 10.0)
-    yaw_rate_std_rad_s: float = _number(0.01, "rad/s", "error of the measured yaw rate", 1e-4, 10.0)
+    current_std_mps: float = fixed(0.4, "m/s", "current along each axis before anything is known", 0.0, 10.0)
+    drift_mps: float = fixed(0.03, "m/s/√s", "drift of the current", 0.0, 10.0)
+    force: float = fixed(0.1, "√s", "force that is not known, as a share of the actuators' limits", 0.0, 100.0)
+    velocity_std_mps: float = fixed(0.02, "m/s", "error of the measured velocity", 1e-4, 10.0)
+    yaw_rate_std_rad_s: float = fixed(0.01, "rad/s", "error of the measured yaw rate", 1e-4, 10.0)
 
 
 class CurrentFilter:

@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.baselines.law import Law, several
+from uwoc_gym.baselines.numbers import fixed
 from uwoc_gym.given import SettingError, shown
-from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.parameters import Parameters
 from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
@@ -27,28 +28,46 @@ _SLOWEST_MPS = 0.3
 """Speed below which a crab angle means little."""
 
 
-def _gain(default: float, unit: str, text: str, low: float, high: float) -> float:
-    return number(default, unit, text, low=low, high=high, randomisable=False, source="project default")
-
-
 @dataclass(frozen=True, kw_only=True)
 class GuidanceGains(Parameters):
     """Gains of the guidance law; rates are those at which errors are to vanish."""
 
-    pull_per_s: float = _gain(1.35, "1/s", "speed toward the ship per metre of distance", 0.0, 100.0)
-    fastest_pull_mps: float = _gain(6.75, "m/s", "most that the pull may ask for", 0.0, 100.0)
-    slow_mps: float = _gain(0.3, "m/s", "speed at which course and ship's heading weigh alike", 1e-4, 100.0)
-    facing: float = _gain(0.06, "1", "weight of the ship's heading however fast the course", 0.0, 1.0)
-    turn_per_s: float = _gain(2.5, "1/s", "yaw rate per radian of heading error", 0.0, 1000.0)
-    fastest_turn_rad_s: float = _gain(3.3, "rad/s", "most that the heading error may ask for", 0.0, 1000.0)
-    yaw_rate_per_s: float = _gain(6.2, "1/s", "yaw acceleration per yaw rate", 0.0, 1000.0)
-    surge_per_s: float = _gain(12.1, "1/s", "surge acceleration per surge velocity", 0.0, 1000.0)
-    sway_per_s: float = _gain(3.7, "1/s", "sway acceleration per sway velocity", 0.0, 1000.0)
-    crab: float = _gain(0.5, "1", "share of the drift through the water that is steered against", 0.0, 2.0)
-    munk: float = _gain(0.3, "1", "share of the Coriolis terms that is taken back", 0.0, 2.0)
-    lead: float = _gain(0.4, "1", "share of the ship's acceleration that is added", 0.0, 2.0)
-    surge_yields: float = _gain(0.5, "1", "how much surge gives way to a turn", 0.0, 100.0)
-    sway_yields: float = _gain(3.0, "1", "how much sway gives way to a turn", 0.0, 100.0)
+    pull_per_s: float = fixed(1.39, "1/s", "speed toward the ship per metre of distance", 0.0, 100.0)
+    fastest_pull_mps: float = fixed(6.875, "m/s", "most that the pull may ask for", 0.0, 100.0)
+    slow_mps: float = fixed(0.03314, "m/s", "speed at which course and ship's heading weigh alike", 1e-4, 100.0)
+    facing: float = fixed(0.06401, "1", "weight of the ship's heading however fast the course", 0.0, 1.0)
+    turn_per_s: float = fixed(2.895, "1/s", "yaw rate per radian of heading error", 0.0, 1000.0)
+    fastest_turn_rad_s: float = fixed(3.768, "rad/s", "most that the heading error may ask for", 0.0, 1000.0)
+    yaw_rate_per_s: float = fixed(4.481, "1/s", "yaw acceleration per yaw rate", 0.0, 1000.0)
+    surge_per_s: float = fixed(11.2, "1/s", "surge acceleration per surge velocity", 0.0, 1000.0)
+    sway_per_s: float = fixed(1.217, "1/s", "sway acceleration per sway velocity", 0.0, 1000.0)
+    crab: float = fixed(0.7186, "1", "share of the drift through the water that is steered against", 0.0, 2.0)
+    munk: float = fixed(0.2456, "1", "share of the Coriolis terms that is taken back", 0.0, 2.0)
+    lead: float = fixed(0.5565, "1", "share of the ship's acceleration that is added", 0.0, 2.0)
+    surge_yields: float = fixed(0.008654, "1", "how much surge gives way to a turn", 0.0, 100.0)
+    sway_yields: float = fixed(8.589, "1", "how much sway gives way to a turn", 0.0, 100.0)
+
+
+GUIDANCE: dict[str, GuidanceGains] = {
+    "los": GuidanceGains(),
+    "los-tide": GuidanceGains(
+        pull_per_s=0.799,
+        fastest_pull_mps=1.32,
+        slow_mps=0.829,
+        facing=0.0145,
+        turn_per_s=1.717,
+        fastest_turn_rad_s=3.231,
+        yaw_rate_per_s=10.13,
+        surge_per_s=7.316,
+        sway_per_s=0.7246,
+        crab=0.1533,
+        munk=0.7028,
+        lead=0.4533,
+        surge_yields=0.01037,
+        sway_yields=7.433,
+    ),
+}
+"""The named gain sets, found by `uwoc-gym tune los`: for Underactuated, which are the defaults, and for Tide."""
 
 
 class Guidance(Law):

@@ -20,33 +20,30 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.baselines.kalman import Belief, belief, chosen, correct, matrix
+from uwoc_gym.baselines.numbers import fixed
 from uwoc_gym.baselines.observers import DeadReckoning, Heard, Memory, completed, wrapped
-from uwoc_gym.parameters import Parameters, number
+from uwoc_gym.parameters import Parameters
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.task.observation import Measured
 
 Array = npt.NDArray[np.float64]
 
 
-def _number(default: float, unit: str, text: str, low: float, high: float) -> float:
-    return number(default, unit, text, low=low, high=high, randomisable=False, source="project default")
-
-
 @dataclass(frozen=True, kw_only=True)
 class TrackerSettings(Parameters):
     """How ships are thought to sail; densities of noise are per square root of a second."""
 
-    position_std_m: float = _number(0.3, "m", "error of a fix along each axis", 0.001, 100.0)
-    yaw_std_rad: float = _number(0.055, "rad", "error of the ship's heading, own compass included", 0.001, 3.0)
-    speed_mps: float = _number(0.9, "m/s", "speed before anything is known", 0.0, 30.0)
-    speed_std_mps: float = _number(0.7, "m/s", "its deviation", 0.001, 30.0)
-    steady_mps: float = _number(0.005, "m/s/√s", "drift of a steady speed", 0.0, 10.0)
-    changing_mps2: float = _number(0.15, "m/s²", "deviation of a changing speed's acceleration", 0.0, 10.0)
-    changing_s: float = _number(1.0, "s", "its correlation time", 0.01, 1000.0)
-    free_mps2: float = _number(0.2, "m/s²", "deviation of the acceleration of a free course", 0.0, 10.0)
-    free_s: float = _number(10.0, "s", "its correlation time", 0.01, 1000.0)
-    turning_rad_s2: float = _number(0.05, "rad/s²/√Hz", "density of the yaw acceleration", 0.0, 10.0)
-    kept: float = _number(0.98, "1", "share of the models' log weights that is kept at a fix", 0.0, 1.0)
+    position_std_m: float = fixed(0.3, "m", "error of a fix along each axis", 0.001, 100.0)
+    yaw_std_rad: float = fixed(0.055, "rad", "error of the ship's heading, own compass included", 0.001, 3.0)
+    speed_mps: float = fixed(0.9, "m/s", "speed before anything is known", 0.0, 30.0)
+    speed_std_mps: float = fixed(0.7, "m/s", "its deviation", 0.001, 30.0)
+    steady_mps: float = fixed(0.005, "m/s/√s", "drift of a steady speed", 0.0, 10.0)
+    changing_mps2: float = fixed(0.15, "m/s²", "deviation of a changing speed's acceleration", 0.0, 10.0)
+    changing_s: float = fixed(1.0, "s", "its correlation time", 0.01, 1000.0)
+    free_mps2: float = fixed(0.2, "m/s²", "deviation of the acceleration of a free course", 0.0, 10.0)
+    free_s: float = fixed(10.0, "s", "its correlation time", 0.01, 1000.0)
+    turning_rad_s2: float = fixed(0.05, "rad/s²/√Hz", "density of the yaw acceleration", 0.0, 10.0)
+    kept: float = fixed(0.98, "1", "share of the models' log weights that is kept at a fix", 0.0, 1.0)
 
 
 FLOOR = 1e-3
@@ -62,8 +59,9 @@ def _predict(belief: Belief, step: Array, noise: Array) -> Belief:
 
 def _along(yaw: Array, turn: Array) -> Array:
     """Mean direction, (N, 2), of a way whose heading turns evenly by ``turn`` [rad]: its chord over its length."""
-    share, middle = np.sinc(turn / (2.0 * np.pi)), yaw + 0.5 * turn
-    return np.stack([share * np.cos(middle), share * np.sin(middle)], axis=-1)
+    middle = yaw + 0.5 * turn
+    found: Array = np.sinc(turn / (2.0 * np.pi))[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+    return found
 
 
 def _steady(time: Array, density: float) -> tuple[Array, Array]:
@@ -105,7 +103,8 @@ def _led(along: Array, step: Array, noise: Array) -> tuple[Array, Array]:
 
 def _both(axis: Array) -> Array:
     """What holds for one axis, (N, n, n), for two that stand side by side, (N, 2n, 2n): x, y, vx, vy, ..."""
-    return np.einsum("nij,kl->nikjl", axis, np.eye(2)).reshape(len(axis), 2 * axis.shape[1], -1)
+    found: Array = np.einsum("nij,kl->nikjl", axis, np.eye(2)).reshape(len(axis), 2 * axis.shape[1], -1)
+    return found
 
 
 class _Track(NamedTuple):

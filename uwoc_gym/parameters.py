@@ -530,6 +530,23 @@ class Parameters:
         """All settings as plain data that `from_dict` and JSON take."""
         return {name: spec.dump(getattr(self, name)) for name, spec in self.specs().items()}
 
+    def essence(self) -> dict[str, Any]:
+        """`to_dict` without settings that a later version brought and that are as if it hadn't."""
+        found = self.to_dict()
+        for name, spec in self.specs().items():
+            value = getattr(self, name)
+            if spec.since and value == getattr(type(self), name):
+                del found[name]
+            elif isinstance(spec, ChildSpec):
+                several = isinstance(value, tuple)
+                told = found[name] if several else [found[name]]
+                parts = [
+                    {key: part[key] for key in part.keys() - each.specs().keys()} | each.essence()
+                    for each, part in zip(value if several else (value,), told, strict=True)
+                ]
+                found[name] = parts if several else parts[0]
+        return found
+
     def merged(self, overrides: Mapping[str, Any]) -> Self:
         """A copy with the overrides merged in, level by level.
 

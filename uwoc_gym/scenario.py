@@ -52,7 +52,7 @@ class Scenario(Parameters):
     )
     sea: Sea = child(Sea(), (Sea,), "pulses and current")
     sensors: Sensors = child(Sensors(), (Sensors,), "measurement noise")
-    fixes: Fixes = child(Fixes(), (Fixes,), "late acoustic fixes of the ship, where they are observed")
+    fixes: Fixes = child(Fixes(), (Fixes,), "late acoustic fixes of the ship, where they are observed", since="0.2.0")
     start: Start = child(Start(), (Start,), "the AUV's state at time 0")
     depth_m: Number | None = number(
         None,
@@ -151,7 +151,7 @@ class Scenario(Parameters):
     def derived(self) -> dict[str, float]:
         """How many actions move an actuator that has a force; 1 if none does, since it is divided by."""
         moved = self.vehicle.force_limits[list(AXES[self.action])]
-        return {"actuators": max(1, np.count_nonzero(moved))}
+        return {"actuators": max(1.0, float(np.count_nonzero(moved)))}
 
     @property
     def draws(self) -> bool:
@@ -207,7 +207,7 @@ class Scenario(Parameters):
 
     def digest(self) -> str:
         """16 hexadecimal digits that tell scenarios apart: equal for equal settings, whatever they are called."""
-        text = json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"))
+        text = json.dumps(self.essence(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @classmethod

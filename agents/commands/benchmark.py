@@ -46,13 +46,11 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    policies = [name for name, policy in POLICIES.items() if policy.installed() and name != "pd-plain"]
     parser.add_argument(
         "--policy",
         nargs="+",
-        default=policies,
         metavar="POLICY",
-        help=f"each {MAY_BE} (default: {' '.join(policies)})",
+        help=f"each {MAY_BE} (default: those of {' '.join(_usual())} that can fly the scenario)",
     )
     add_trust_argument(parser)
     add_scenario_arguments(parser, list(ENV_IDS), many=True)
@@ -81,9 +79,8 @@ def run(args: argparse.Namespace) -> int:
     """Fly and report; returns the exit status."""
     require("tqdm", *(["matplotlib"] if args.out else []))
     scenarios = _scenarios(args)
-    policies = policies_of(args)
     around = wrapping_of(args)
-    check_flights(policies, scenarios, min(args.batch, args.seeds), around)
+    pairs = _pairs(args, scenarios, around)
     folder = files.output_folder(args.out) if args.out else None
     results: list[tables.Result] = []
     flown: dict[str, dict[str, tuple[int, Series]]] = {}
@@ -91,10 +88,10 @@ def run(args: argparse.Namespace) -> int:
     interrupted = False
     try:
         if folder is None:
-            _fly_all(args, scenarios, policies, around, results, flown, None)
+            _fly_all(args, scenarios, pairs, around, results, flown, None)
         else:
             with files.EpisodesFile(folder / "episodes.csv") as episodes:
-                _fly_all(args, scenarios, policies, around, results, flown, episodes)
+                _fly_all(args, scenarios, pairs, around, results, flown, episodes)
     except KeyboardInterrupt:
         interrupted = True
     results = [result for result in results if result.rows]
@@ -130,10 +127,40 @@ def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
         raise CommandError(f"--control-period {args.control_period:g}: {error}") from None
 
 
+def _pairs(
+    args: argparse.Namespace, scenarios: Mapping[str, Scenario], around: Wrapping
+) -> dict[str, Sequence[Policy]]:
+    """Who flies which scenario: all that are named, or else all that can."""
+    episodes = min(args.batch, args.seeds)
+    if args.policy is not None:
+        policies = policies_of(args)
+        check_flights(policies, scenarios, episodes, around)
+        return dict.fromkeys(scenarios, policies)
+    check_flights([], scenarios, episodes, around)
+    return {
+        name: [POLICIES[each] for each in _usual() if _can(POLICIES[each], name, scenario, around)]
+        for name, scenario in scenarios.items()
+    }
+
+
+def _usual() -> list[str]:
+    """The policies that fly by default."""
+    return [name for name, policy in POLICIES.items() if policy.installed() and name != "pd-plain"]
+
+
+def _can(policy: Policy, name: str, scenario: Scenario, around: Wrapping) -> bool:
+    """Whether an agent was trained for what a scenario shows and takes, and a law sees what it needs."""
+    try:
+        check_flights([policy], {name: scenario}, 1, around)
+    except CommandError:
+        return False
+    return True
+
+
 def _fly_all(
     args: argparse.Namespace,
     scenarios: dict[str, Scenario],
-    policies: list[Policy],
+    pairs: Mapping[str, Sequence[Policy]],
     around: Wrapping,
     results: list[tables.Result],
     flown: dict[str, dict[str, tuple[int, Series]]],
@@ -146,7 +173,7 @@ def _fly_all(
     plan = [
         (name, policy, flown_seeds(policy, scenario, seeds, around))
         for name, scenario in scenarios.items()
-        for policy in policies
+        for policy in pairs[name]
     ]
     left = TimeLeft(
         [(policy.name, scenarios[name], batch) for name, policy, own in plan for batch in batches(own, args.batch)]
@@ -154,7 +181,7 @@ def _fly_all(
     count, total = 0, sum(len(own) for *_, own in plan)
     shown = "{percentage:3.0f} % |{bar}| {elapsed} gone, {desc}"
     with tqdm(total=left.work, bar_format=shown, file=sys.stderr, desc="compiling") as bar:
-        warm_up(scenarios, policies, min(args.batch, args.seeds))
+        warm_up(scenarios, pairs, min(args.batch, args.seeds))
         left.begin()
         for name, policy, own in plan:
             result = tables.Result(name, policy.name, [], len(own) < len(seeds))
@@ -172,15 +199,15 @@ def _fly_all(
         bar.set_description_str(f"done: {count} episodes")
 
 
-def warm_up(scenarios: Mapping[str, Scenario], policies: Sequence[Policy], episodes: int) -> None:
+def warm_up(scenarios: Mapping[str, Scenario], pairs: Mapping[str, Sequence[Policy]], episodes: int) -> None:
     """Compile and load all that flights need, so that how fast they go tells how long the others will take."""
     if (torch := sys.modules.get("torch")) is not None:
         # Networks of this size gain nothing from more, and wait for each other where others work on the machine.
         torch.set_num_threads(1)
-    for scenario in scenarios.values():
+    for name, scenario in scenarios.items():
         env = TrackingVectorEnv(episodes if scenario.draws else 1, scenario)
         observations, _ = env.reset(seed=0)
-        for policy in policies:
+        for policy in pairs[name]:
             decide(
                 policy,
                 policy.pilot(scenario),

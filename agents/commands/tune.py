@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,8 @@ from uwoc_gym.agents.policies.registry import GAINS_FILE
 from uwoc_gym.agents.reports import files
 from uwoc_gym.agents.scenarios import said
 from uwoc_gym.baselines import gains
-from uwoc_gym.baselines.controllers import CONTROLLERS
+from uwoc_gym.baselines.controllers import CONTROLLERS, GainSet, plain
+from uwoc_gym.baselines.guidance import GUIDANCE
 
 HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
 EXAMPLES = """\
@@ -111,17 +111,22 @@ def _gains(args: argparse.Namespace) -> Found:
             seed=args.seed,
             direction="maximize",
             sampler="cma-es",
-            begin=[tuning.point_of(gains(args.target), box)],
+            begin=[tuning.point_of(_usual(args.target), box)],
             resume=args.resume,
         )
     law = tuning.gains_of(found.best.values, args.command_line)
     episodes = args.eval_episodes or len(VALIDATION)
     validation = tuning.validation(law, scenario, episodes, around)
-    files.write_json(folder / GAINS_FILE, asdict(law))
+    files.write_json(folder / GAINS_FILE, plain(law))
     document = {**_document(problem, box, found), "validation_episodes": episodes, "validation": validation}
     files.write_results(folder, args.command_line, {name: scenario}, document)
     _show(args.target, name, found, validation)
     return found
+
+
+def _usual(target: str) -> GainSet:
+    """The gains that are tried first."""
+    return GUIDANCE[target] if target in GUIDANCE else gains(target)
 
 
 def _settings(args: argparse.Namespace) -> Found:

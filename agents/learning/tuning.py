@@ -16,7 +16,8 @@ from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, VALIDATION, training_
 from uwoc_gym.agents.learning.settings import TRAINABLE
 from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines import Gains
-from uwoc_gym.baselines.controllers import one_for_each
+from uwoc_gym.baselines.controllers import GainSet, one_for_each
+from uwoc_gym.baselines.guidance import GuidanceGains
 from uwoc_gym.scenario import Scenario
 
 PD_BOX = {
@@ -36,7 +37,24 @@ NLPD_BOX = PD_BOX | {
     }.items()
 }
 
-GAIN_BOXES: dict[str, Mapping[str, Dimension]] = {"pd": PD_BOX, "nlpd": NLPD_BOX}
+GUIDANCE_BOX = {
+    "pull_per_s": Dimension(0.05, 5.0, log=True),
+    "fastest_pull_mps": Dimension(0.2, 8.0, log=True),
+    "slow_mps": Dimension(0.01, 1.5, log=True),
+    "facing": Dimension(0.0, 1.0),
+    "turn_per_s": Dimension(0.3, 20.0, log=True),
+    "fastest_turn_rad_s": Dimension(0.2, 6.0, log=True),
+    "yaw_rate_per_s": Dimension(0.3, 40.0, log=True),
+    "surge_per_s": Dimension(0.3, 40.0, log=True),
+    "sway_per_s": Dimension(0.1, 40.0, log=True),
+    "crab": Dimension(0.0, 1.5),
+    "munk": Dimension(0.0, 1.5),
+    "lead": Dimension(0.0, 1.0),
+    "surge_yields": Dimension(0.0, 10.0),
+    "sway_yields": Dimension(0.0, 20.0),
+}
+
+GAIN_BOXES: dict[str, Mapping[str, Dimension]] = {"pd": PD_BOX, "nlpd": NLPD_BOX, "los": GUIDANCE_BOX}
 """The controllers whose gains can be searched for, and where; their own gains are tried first."""
 
 _ON_POLICY = {
@@ -58,20 +76,22 @@ LEARNERS: dict[str, Mapping[str, Dimension]] = {
 """What is searched for each learner; all else stays as in its settings file."""
 
 
-def gains_of(values: Mapping[str, float], source: str = "uwoc-gym tune") -> Gains:
+def gains_of(values: Mapping[str, float], source: str = "uwoc-gym tune") -> GainSet:
     """The gain set of a point: x and y share theirs, since no axis of the horizontal plane is special."""
+    if values.keys() == GUIDANCE_BOX.keys():
+        return GuidanceGains(**values)
     names = dict.fromkeys(key.rpartition("_")[0] for key in values)
     axes: dict[str, Any] = {name: (values[f"{name}_xy"], values[f"{name}_xy"], values[f"{name}_yaw"]) for name in names}
     return Gains(**axes, source=source)
 
 
-def point_of(law: Gains, box: Mapping[str, Dimension]) -> dict[str, float]:
+def point_of(law: GainSet, box: Mapping[str, Dimension]) -> dict[str, float]:
     """The point of a gain set, inside the box."""
     point = {}
     for key, each in box.items():
         name, _, axis = key.rpartition("_")
-        value = float(getattr(law, name)[0 if axis == "xy" else 2])
-        point[key] = min(max(value, each.low), each.high)
+        value = getattr(law, key) if isinstance(law, GuidanceGains) else getattr(law, name)[0 if axis == "xy" else 2]
+        point[key] = min(max(float(value), each.low), each.high)
     return point
 
 
@@ -96,13 +116,13 @@ def controller_score(scenario: Scenario, seed: int, episodes: int, wrapping: Wra
     return evaluate
 
 
-def _flown(laws: list[Gains], scenario: Scenario, seeds: list[int], wrapping: Wrapping) -> dict[str, Any]:
+def _flown(laws: list[GainSet], scenario: Scenario, seeds: list[int], wrapping: Wrapping) -> dict[str, Any]:
     flown = fly(one_for_each(laws), scenario, seeds, wrapping=wrapping).metrics
     return {"return": flown.return_, "availability": flown.availability, "effort": flown.effort}
 
 
 def validation(
-    law: Gains, scenario: Scenario, episodes: int = len(VALIDATION), wrapping: Wrapping = PLAIN
+    law: GainSet, scenario: Scenario, episodes: int = len(VALIDATION), wrapping: Wrapping = PLAIN
 ) -> dict[str, float]:
     """The gain set's means on so many validation seeds, which the search hasn't seen."""
     flown = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,8 @@ from uwoc_gym.agents.policies.registry import (
     load,
     of_gains,
 )
-from uwoc_gym.baselines import GAINS, Gains
+from uwoc_gym.baselines import GAINS
+from uwoc_gym.baselines.controllers import GainSet, plain
 from uwoc_gym.baselines.gains import FORMER_NAMES
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.given import shown
@@ -83,5 +84,5 @@ def _named(name: str) -> Correction:
     return Correction(load(name), {"policy": name})
 
 
-def _of_gains(name: str, law: Gains) -> Correction:
-    return Correction(of_gains(name, law), {"gains": asdict(law)})
+def _of_gains(name: str, gains: GainSet) -> Correction:
+    return Correction(of_gains(name, gains), {"gains": plain(gains)})

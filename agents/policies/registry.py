@@ -13,8 +13,7 @@ from uwoc_gym.agents.modules import import_here
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.scenarios import json_object
-from uwoc_gym.baselines import Controller, Gains
-from uwoc_gym.baselines.controllers import CONTROLLERS
+from uwoc_gym.baselines.controllers import CONTROLLERS, GainSet, gain_set, law
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.given import SettingError, closest, shown
 from uwoc_gym.scenario import Scenario
@@ -95,12 +94,12 @@ def gains_path(path: Path) -> Path | None:
     return path if path.suffix == ".json" else None
 
 
-def of_gains(name: str, law: Gains) -> Policy:
+def of_gains(name: str, gains: GainSet) -> Policy:
     """The controller with those gains."""
-    return Policy(name, f"controller with gains of {law.source}", partial(Controller, law))
+    return Policy(name, f"controller with gains of {getattr(gains, 'source', 'its own')}", partial(law, gains))
 
 
-def gains_of_file(path: Path) -> Gains:
+def gains_of_file(path: Path) -> GainSet:
     """The gains in a .json file, such as a search has found.
 
     Raises:
@@ -109,14 +108,14 @@ def gains_of_file(path: Path) -> Gains:
     return gains_of(json_object(str(path), file=True), f"gains {shown(str(path))}")
 
 
-def gains_of(given: Mapping[str, Any], name: str) -> Gains:
+def gains_of(given: Mapping[str, Any], name: str) -> GainSet:
     """The gains that a mapping says; errors call it by the name.
 
     Raises:
         CommandError: A gain is unknown, missing or not allowed.
     """
     try:
-        return Gains.from_dict(given)
+        return gain_set(given)
     except SettingError as error:
         raise CommandError(f"{name} is not allowed; {error}") from None
 

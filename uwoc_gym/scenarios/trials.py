@@ -16,15 +16,13 @@ name_scenario(
     replace(_RANDOM, vehicle=replace(_RANDOM.vehicle, max_sway_force_n=0.0), action="surge-yaw"),
 )
 
-_WEAK = {"max_surge_force_n": 250.0, "max_sway_force_n": 250.0, "max_yaw_moment_nm": 60.0}
-
 name_scenario(
     "Tide",
     "Random with the forces of real vehicles in a current of 0.3 to 0.6 m/s, where the Munk moment of a hull askew "
     "exceeds the yaw moment",
     replace(
         _RANDOM,
-        vehicle=replace(_RANDOM.vehicle, **_WEAK),
+        vehicle=replace(_RANDOM.vehicle, max_surge_force_n=250.0, max_sway_force_n=250.0, max_yaw_moment_nm=60.0),
         sea=replace(
             _RANDOM.sea,
             pulses=tuple(
