@@ -16,7 +16,7 @@ from uwoc_gym.agents.learning.seeds import training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.corrections import Correction, correction
-from uwoc_gym.agents.policies.registry import gains_path
+from uwoc_gym.agents.policies.registry import gains_of_file, gains_path
 from uwoc_gym.agents.policies.residual import check_actions
 from uwoc_gym.agents.reports.files import read_json
 from uwoc_gym.agents.scenarios import Said, changes_of, json_object, merged, said
@@ -348,8 +348,8 @@ def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str,
     if gains is not None:
         # The run holds the gains themselves, whatever becomes of the file.
         with naming("--residual"):
+            gains_of_file(gains)
             residual = json_object(str(gains), file=True)
-            correction(residual)
     given = {
         "n_timesteps": wish.steps,
         "n_envs": wish.envs,

@@ -89,7 +89,8 @@ POLICIES: dict[str, Policy] = CONTROLLERS | shipped()
 
 def gains_path(path: Path) -> Path | None:
     """The file of gains that a path means: itself, or that in the folder of a search; None if it means none."""
-    if path.is_dir():
+    # A name that is too long for a file is none.
+    if os.path.isdir(path):
         return path / GAINS_FILE if (path / GAINS_FILE).is_file() and not (path / saved.MODEL).is_file() else None
     return path if path.suffix == ".json" else None
 

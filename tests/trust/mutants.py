@@ -212,7 +212,7 @@ SHELLS = (
     ),
     Fault(
         "terminal-observation", "the terminal observation is the next episode's first", "uwoc_gym/sb3.py",
-        'infos["final_obs"][i]', "observations[i]", f"{_SB3_TESTS} -k equals",
+        'last, final = infos["final_obs"], ', "last, final = observations, ", f"{_SB3_TESTS} -k equals",
     ),
     Fault(
         "time-limit-truncated", "an episode lost in its last step counts as cut short by time", "uwoc_gym/sb3.py",
