@@ -235,6 +235,15 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
     checkpoints.save_agent(target / saved.MODEL, lambda file: archive.write_for_acting(model, file, described))
 
 
+def _workers(jobs: int) -> ProcessPoolExecutor:
+    # PyTorch and Numba don't like to be forked.
+    context = multiprocessing.get_context("spawn")
+    try:
+        return ProcessPoolExecutor(jobs, context, _one_thread)
+    except OSError as error:
+        raise CommandError(f"worker processes can't be started, which need shared memory: {error.strerror}") from None
+
+
 def fly_all(
     scenarios: Mapping[str, Scenario],
     policies: Mapping[str, Sequence[str]],
@@ -263,9 +272,8 @@ def fly_all(
         for member in members
     ]
     rows: dict[tuple[str, str], list[list[dict[str, float]]]] = {}
-    # PyTorch and Numba don't like to be forked.
     with (
-        ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _one_thread) as pool,
+        _workers(jobs) as pool,
         tqdm(total=len(flights), unit="flight", file=sys.stderr) as bar,
     ):
         try:
