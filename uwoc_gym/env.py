@@ -105,6 +105,12 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     | last-action       | 15 to 17                                     |
     | link              | 18 to 19                                     |
     | time              | share of the episode gone, from 0 to 1       |
+    | fix               | the last late fix of the ship, see below     |
+
+    A fix says where the ship was at its ping, seen from the AUV: position ahead and to starboard [m], cosine and sine of
+    the relative heading, the time since then [s, over 4 s], and 1 if it has come with this observation. What the AUV has
+    done since isn't in it; `uwoc_gym.baselines.observers` works that out. `uwoc_gym.world.auv.fixes` says when fixes
+    come, and how exact they are.
 
     ## Rewards
 

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import uwoc_gym
+from uwoc_gym.task.action import AXES
 
 FOLDER = Path(__file__).parent / "golden"
 DIGESTS = FOLDER / "digests.json"
@@ -37,6 +38,11 @@ def scripted(observations: np.ndarray) -> np.ndarray:
     aside = 0.75 * seen[..., 1] + 1.0 * seen[..., 5]
     turn = 0.5 * seen[..., 3] + 0.25 * seen[..., 6]
     return np.stack([ahead, aside, turn], axis=-1).astype(np.float32)
+
+
+def taken(env: Any, forces: np.ndarray) -> np.ndarray:
+    """What the environment takes of surge, sway and yaw."""
+    return forces[..., list(AXES[env.unwrapped.scenario.action])]
 
 
 def steps_in(env_id: str, time_s: float) -> int:
@@ -93,7 +99,7 @@ def fly_single(env_id: str, steps: int) -> Record:
             action = draws.uniform(-1.2, 1.2, 3).astype(np.float32) if episode else scripted(observation)
             if episode and step == 20:
                 env.unwrapped.push((30.0, -50.0, 20.0))
-            observation, reward, terminated, truncated, info = env.step(action)
+            observation, reward, terminated, truncated, info = env.step(taken(env, action))
             record.add(observation=observation, reward=reward, terminated=terminated, truncated=truncated, info=info)
             if terminated or truncated:
                 break
@@ -117,7 +123,7 @@ def fly_vector(env_id: str, steps: int, mode: str) -> Record:
         noise = draws.uniform(-1.2, 1.2, (LANES, 3))
         driven = np.where((kind == 1)[:, None], noise, 0.3 * noise + drift).astype(np.float32)
         actions = np.where((kind == 0)[:, None], scripted(observations), driven)
-        observations, rewards, terminated, truncated, infos = env.step(actions)
+        observations, rewards, terminated, truncated, infos = env.step(taken(env, actions))
         record.add(observation=observations, reward=rewards, terminated=terminated, truncated=truncated, info=infos)
         ended = terminated | truncated
         if mode == "Disabled" and ended.any():
