@@ -105,12 +105,19 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     | last-action       | 15 to 17                                     |
     | link              | 18 to 19                                     |
     | time              | share of the episode gone, from 0 to 1       |
-    | fix               | the last late fix of the ship, see below     |
+    | fix               | see below                                    |
 
-    A fix says where the ship was at its ping, seen from the AUV: position ahead and to starboard [m], cosine and sine of
-    the relative heading, the time since then [s, over 4 s], and 1 if it has come with this observation. What the AUV has
-    done since isn't in it; `uwoc_gym.baselines.observers` works that out. `uwoc_gym.world.auv.fixes` says when fixes
-    come, and how exact they are.
+    A fix says where the ship was at its ping, seen from the AUV. What the AUV has done since isn't in it;
+    `uwoc_gym.baselines.observers` works that out. `uwoc_gym.world.auv.fixes` says when fixes come, and how exactly.
+
+    | Entry of fix                                                  | Min | Max | Unit | Scale |
+    |---------------------------------------------------------------|-----|-----|------|-------|
+    | last fix: ship position ahead at its ping                     | -5  | 5   | m    | 4     |
+    | last fix: ship position to starboard at its ping              | -5  | 5   | m    | 4     |
+    | last fix: cosine of ship heading relative to AUV at its ping  | -1  | 1   | 1    | 1     |
+    | last fix: sine of ship heading relative to AUV at its ping    | -1  | 1   | 1    | 1     |
+    | time since the ping of the last fix                           | 0   | 5   | s    | 4     |
+    | last fix arrived with this observation                        | 0   | 1   | 1    | 1     |
 
     ## Rewards
 
@@ -128,17 +135,18 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
     ## Starting State
 
     The AUV at (5 m, 5 m, yaw 0), at rest, and the ship at (0, 10 m) in `Nominal` and all cases; near the ship, with
-    everything drawn from the seed, in `Random`. `reset(options={"pose": (x, y, yaw), "velocity": (surge, sway, yaw
-    rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame] and merges overrides for one episode;
-    `"parameters": {"sea.pulses[0].force_x_n": 800.0}` sets numbers that the scenario would draw.
+    everything drawn from the seed, in `Random`, `Underactuated`, `Tide` and `LateFix`. `reset(options={"pose": (x, y,
+    yaw), "velocity": (surge, sway, yaw rate), "scenario": {...}})` sets the start [m, rad, m/s, rad/s; earth frame] and
+    merges overrides for one episode; `"parameters": {"sea.pulses[0].force_x_n": 800.0}` sets numbers that the scenario
+    would draw.
 
     ## Episode End
 
     Terminated when the horizontal distance to the ship exceeds `episode.lost_distance_m` (20 m): the link is lost
-    beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `Random`, `PaperCaseI` and `PaperCaseII`;
-    `max_episode_steps` can shorten that, and so does closing the window. At the end `info["is_success"]` says whether
-    the AUV was inside the cone throughout the last third of the episode, and before, whether it has been so for the
-    last third of the time flown.
+    beyond recovery. Truncated after `episode.duration_s`: 150 s, or 60 s in `PaperCaseI`, `PaperCaseII` and wherever
+    everything is drawn; `max_episode_steps` can shorten that, and so does closing the window. At the end
+    `info["is_success"]` says whether the AUV was inside the cone throughout the last third of the episode, and before,
+    whether it has been so for the last third of the time flown.
 
     `info` holds at every step `bit_rate_bps` at the target bit error rate, `snr` and `ber` at the threshold rate,
     `range_m`, `pointing_error_rad`, `in_cone`, `cost` (1 outside the cone, else 0), the reward terms and `is_success`,

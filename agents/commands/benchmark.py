@@ -13,7 +13,7 @@ import numpy as np
 
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
-from uwoc_gym.agents.flight import Series, batches, check_flights, decide, flown_seeds, fly
+from uwoc_gym.agents.flight import Series, batches, check_flights, flown_seeds, fly
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
     add_trust_argument,
@@ -31,7 +31,6 @@ from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.vector_env import TrackingVectorEnv
 
 HELP = "fly policies through scenarios on the same seeds and compare them"
 EXAMPLES = """\
@@ -181,7 +180,7 @@ def _fly_all(
     count, total = 0, sum(len(own) for *_, own in plan)
     shown = "{percentage:3.0f} % |{bar}| {elapsed} gone, {desc}"
     with tqdm(total=left.work, bar_format=shown, file=sys.stderr, desc="compiling") as bar:
-        warm_up(scenarios, pairs, min(args.batch, args.seeds))
+        warm_up(scenarios, pairs, around, min(args.batch, args.seeds))
         left.begin()
         for name, policy, own in plan:
             result = tables.Result(name, policy.name, [], len(own) < len(seeds))
@@ -199,25 +198,17 @@ def _fly_all(
         bar.set_description_str(f"done: {count} episodes")
 
 
-def warm_up(scenarios: Mapping[str, Scenario], pairs: Mapping[str, Sequence[Policy]], episodes: int) -> None:
+def warm_up(
+    scenarios: Mapping[str, Scenario], pairs: Mapping[str, Sequence[Policy]], around: Wrapping, episodes: int
+) -> None:
     """Compile and load all that flights need, so that how fast they go tells how long the others will take."""
     if (torch := sys.modules.get("torch")) is not None:
         # Networks of this size gain nothing from more, and wait for each other where others work on the machine.
         torch.set_num_threads(1)
     for name, scenario in scenarios.items():
-        env = TrackingVectorEnv(episodes if scenario.draws else 1, scenario)
-        observations, _ = env.reset(seed=0)
+        short = scenario.merged({"episode": {"duration_s": scenario.episode.control_period_s}})
         for policy in pairs[name]:
-            decide(
-                policy,
-                policy.pilot(scenario),
-                observations,
-                None,
-                np.ones(len(observations), dtype=bool),
-                len(scenario.actions),
-            )
-        env.step(np.zeros(env.action_space.shape or (), dtype=np.float32))
-        env.close()
+            fly(policy, short, range(episodes if scenario.draws or around else 1), wrapping=around)
 
 
 class TimeLeft:

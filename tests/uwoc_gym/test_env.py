@@ -105,9 +105,20 @@ def test_group_table_matches_the_groups():
             last = first + len(GROUPS[name]) - 1
             assert text == f"{first} to {last}"
             first = last + 1
+        elif len(GROUPS[name]) > 1:
+            assert text == "see below"
         else:
             (entry,) = GROUPS[name]
             assert text == f"{entry.name}, from {entry.low:g} to {entry.high:g}"
+
+
+def test_table_of_fixes_matches_the_group():
+    rows = [row for row in table("Observation Space") if len(row) == 5][2:]
+    settings = uwoc_gym.ObservationSettings(groups=("fix",))
+    assert len(rows) == settings.size
+    for (name, low, high, unit, scale), entry, value in zip(rows, settings.entries, settings.entry_scales, strict=True):
+        assert (name, float(low), float(high), unit) == (entry.name, entry.low, entry.high, entry.unit)
+        assert float(scale) == value
 
 
 def test_action_table_matches_the_space_and_the_limits():

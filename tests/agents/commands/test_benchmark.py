@@ -16,6 +16,7 @@ import pytest
 from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.commands import benchmark
+from uwoc_gym.baselines import NLPDController
 
 SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 5.0}})
 
@@ -107,7 +108,8 @@ def test_interrupt_keeps_finished_episodes(
 
     def fly(*args: Any, **options: Any) -> Any:
         calls.append(args)
-        if len(calls) == 2:
+        # The first flight only warms up.
+        if len(calls) == 3:
             raise KeyboardInterrupt
         return real(*args, **options)
 
@@ -220,3 +222,30 @@ def test_nothing_is_promised_before_something_has_flown(
 def test_returns_over_seeds_are_drawn_as_profiles(scenario_file: Path, tmp_path: Path) -> None:
     assert _fly(scenario_file, tmp_path / "out", "--policy", "pd") == 0
     assert (tmp_path / "out/short-profile.png").read_bytes()[:4] == b"\x89PNG"
+
+
+class TwoAxes:
+    """A policy of surge and yaw on the newest of stacked observations."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.inner = NLPDController("nlpd-tuned", scenario)
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):  # type: ignore[no-untyped-def]
+        assert observation.shape[1:] == (3, 20)
+        return self.inner.predict(observation[:, -1])[0], state
+
+
+def test_wrappers_that_change_shapes_are_flown(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--policy", f"{__name__}:TwoAxes", "--scenario", "Random", "--seeds", "2"]
+    wrapper = ["--wrapper", "gymnasium.wrappers:FrameStackObservation,stack_size=3"]
+    assert main(["benchmark", *words, *wrapper, "--override", "episode.duration_s=1"]) == 0
+    assert "TwoAxes" in capsys.readouterr().out
+
+
+def test_by_default_those_fly_who_can(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["benchmark", "--scenario", "Underactuated", "--seeds", "2", "--override", "episode.duration_s=1"]) == 0
+    found = capsys.readouterr().out
+    assert "| los " in found
+    assert "ppo" not in found
+    assert main(["benchmark", "--policy", "ppo", "--scenario", "Underactuated", "--seeds", "2"]) == 1
+    assert "policy 'ppo' can't fly Underactuated" in capsys.readouterr().err

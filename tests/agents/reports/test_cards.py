@@ -16,6 +16,7 @@ from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.policies.registry import POLICIES, TRAINED
 from uwoc_gym.agents.reports import cards, files
+from uwoc_gym.baselines.controllers import CONTROLLERS
 
 NAMES = ("ppo", "ppo-residual", "td3")
 SCORES = files.read_json(cards.SCORES)
@@ -38,8 +39,11 @@ def test_the_cards_are_what_the_scores_make_them(tmp_path: Path) -> None:
 def test_the_scores_are_of_todays_scenarios_and_of_all_ids() -> None:
     names = [env_id.removeprefix("uwoc/").removesuffix("-v0") for env_id in ENV_IDS]
     assert SCORES["scenarios"] == {name: Scenario.named(name).digest() for name in names}
-    for policy in (*NAMES, "pd", "nlpd", "pd-tuned", "nlpd-tuned"):
+    for policy in CONTROLLERS.keys() - {"pd-plain"}:
         assert list(entries(SCORES, policy)) == names
+    # Agents can't fly where there is no sway force to command, or no sight of the ship.
+    for policy in NAMES:
+        assert list(entries(SCORES, policy)) == [name for name in names if name not in ("Underactuated", "LateFix")]
 
 
 @pytest.mark.parametrize("name", NAMES)
