@@ -292,7 +292,7 @@ def _document(
             "seeds": list(range(args.seed, args.seed + args.seeds)),
             "batch": args.batch,
             "control_period_s": {name: each.episode.control_period_s for name, each in scenarios.items()},
-            "policies": [str(Path(name)) if name.endswith(".zip") else name for name in args.policy],
+            "policies": [str(Path(name)) if name.endswith(".zip") else name for name in args.policy or _usual()],
             "scenarios": {name: each.to_dict() for name, each in scenarios.items()},
             "wrappers": around.plain(),
             "interval": statistics.INTERVAL,
