@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.compute.compiled import inlined
-from uwoc_gym.compute.elementary import fma
+from uwoc_gym.compute.elementary import fma, sincos
 from uwoc_gym.compute.records import rows
 from uwoc_gym.parameters import NumberSpec, Parameters, names, number
 
@@ -315,7 +315,8 @@ def observe_fix(b, j, world) -> None:
     fix, o = b.fix, b.observed
     o.fix[0, j] = _limited(p * fix.ahead[j])
     o.fix[1, j] = _limited(p * fix.starboard[j])
-    o.fix[2, j] = _within_one(fix.cos[j])
-    o.fix[3, j] = _within_one(fix.sin[j])
+    sine, cosine = sincos(fix.yaw[j])
+    o.fix[2, j] = _within_one(cosine)
+    o.fix[3, j] = _within_one(sine)
     o.fix[4, j] = _limited((b.clock.time_s[j] - fix.ping_s[j]) / FIX_AGE_S)
     o.fix[5, j] = 1.0 if fix.arrived[j] == b.clock.step[j] else 0.0

@@ -13,21 +13,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwoc_gym.compute.compiled import inlined
-from uwoc_gym.compute.elementary import floor, fma, sincos
+from uwoc_gym.compute.elementary import floor, fma
 from uwoc_gym.compute.records import rows
 from uwoc_gym.compute.rng import draw, normal_pair
 from uwoc_gym.parameters import Number, Parameters, SettingError, number
 
 STREAM = 5.0
 
-SLOTS = 4
+SLOTS = 3
 """Fixes that are kept until they arrive, the one of the latest ping among them."""
 
 STATE = rows(
     # The fix that is held, the number of the latest ping and of the latest fix, and the step of its arrival.
-    "ahead", "starboard", "cos", "sin", "ping_s", "pinged", "delivered", "arrived",
-    sent_ahead=(SLOTS,), sent_starboard=(SLOTS,), sent_cos=(SLOTS,), sent_sin=(SLOTS,),
-    sent_s=(SLOTS,), lost=(SLOTS,),
+    "ahead", "starboard", "yaw", "ping_s", "pinged", "delivered", "arrived",
+    # The fixes that are on their way; those that will never come have a negative time.
+    sent_ahead=(SLOTS,), sent_starboard=(SLOTS,), sent_yaw=(SLOTS,), sent_s=(SLOTS,),
 )  # fmt: skip
 
 _TOLERANCE = 1e-6
@@ -87,8 +87,7 @@ def _hold(b, j, slot) -> None:
     o = b.fix
     o.ahead[j] = o.sent_ahead[slot, j]
     o.starboard[j] = o.sent_starboard[slot, j]
-    o.cos[j] = o.sent_cos[slot, j]
-    o.sin[j] = o.sent_sin[slot, j]
+    o.yaw[j] = o.sent_yaw[slot, j]
     o.ping_s[j] = o.sent_s[slot, j]
     o.arrived[j] = b.clock.step[j]
 
@@ -105,15 +104,10 @@ def _ping(b, j, slot, number) -> None:
     cosine, sine = b.auv.cos[j], b.auv.sin[j]
     dx = b.ship.x[j] - b.auv.x[j]
     dy = b.ship.y[j] - b.auv.y[j]
-    es, ec = sincos(p.yaw_std_rad[j] * n2)
-    turn_cos = fma(b.ship.cos[j], cosine, b.ship.sin[j] * sine)
-    turn_sin = fma(b.ship.sin[j], cosine, -(b.ship.cos[j] * sine))
     o.sent_ahead[slot, j] = fma(cosine, dx, sine * dy) + p.position_std_m[j] * n0
     o.sent_starboard[slot, j] = fma(cosine, dy, -(sine * dx)) + p.position_std_m[j] * n1
-    o.sent_cos[slot, j] = fma(turn_cos, ec, -(turn_sin * es))
-    o.sent_sin[slot, j] = fma(turn_sin, ec, turn_cos * es)
-    o.sent_s[slot, j] = b.clock.time_s[j]
-    o.lost[slot, j] = 1.0 if u4 < p.dropout[j] else 0.0
+    o.sent_yaw[slot, j] = b.ship.yaw[j] - b.auv.yaw[j] + p.yaw_std_rad[j] * n2
+    o.sent_s[slot, j] = -1.0 if u4 < p.dropout[j] else b.clock.time_s[j]
 
 
 @inlined
@@ -127,6 +121,7 @@ def listen(b, j) -> None:
         slot = int(number) % SLOTS
         _ping(b, j, slot, number)
         if o.pinged[j] < 0.0:
+            o.sent_s[slot, j] = time
             _hold(b, j, slot)
             o.delivered[j] = number
         o.pinged[j] = number
@@ -134,5 +129,5 @@ def listen(b, j) -> None:
     if due > o.delivered[j]:
         slot = int(due) % SLOTS
         o.delivered[j] = due
-        if o.lost[slot, j] == 0.0:
+        if o.sent_s[slot, j] >= 0.0:
             _hold(b, j, slot)
