@@ -50,6 +50,39 @@ def picture(text: str) -> Iterator[str]:
         yield from ("".join([*folders, name]) for name in re.findall(r"\w+\.py", words))
 
 
+def linked(page: Path) -> set[Path]:
+    """The pages that a page links, and those that these link, and so on."""
+    found = {page}
+    left = [page]
+    while left:
+        here = left.pop()
+        for target in re.findall(r"\]\(([^)#:]+\.md)", here.read_text(encoding="utf-8")):
+            there = (here.parent / target).resolve()
+            if there not in found:
+                found.add(there)
+                left.append(there)
+    return found
+
+
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    pages = set((ROOT / "docs").glob("*.md"))
+    assert len(pages) > 5
+    assert pages - linked(ROOT / "README.md") == set()
+
+
+def lines_of_prose(text: str) -> list[str]:
+    """The lines outside blocks, tables, headings and pictures."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    return [line for line in text.splitlines() if not line.startswith(("|", "#", "!["))]
+
+
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md"])
+def test_lines_of_prose_are_short(page: str) -> None:
+    prose = lines_of_prose((ROOT / page).read_text(encoding="utf-8"))
+    assert len(prose) > 90
+    assert [line for line in prose if len(line) > 120] == []
+
+
 LAYOUT = README.split("## Layout")[1].split("```")[1].strip("\n")
 
 
@@ -105,6 +138,7 @@ SHORT: dict[str, tuple[str, ...]] = {
         "--training-seeds", "0", "--scenario", "Random", "--seeds", "2",
         "--override", '{"episode": {"duration_s": 5.0}}',
     ),
+    "uwoc-gym dataset": ("--episodes", "2", "--override", "episode.duration_s=5"),
     "uwoc-gym watch": (),
     "uwoc-gym record": ("--to", "28.2", "--size", "640x360"),
     "uwoc-gym replay": ("--override", '{"episode": {"duration_s": 3.0}}'),
@@ -116,6 +150,7 @@ LEFT: dict[str, tuple[str, ...]] = {
     "uwoc-gym train": ("{out}/model.zip", "{out}/results.json", "{out}/settings.yaml", "{out}/curve.png"),
     "uwoc-gym benchmark": (),
     "uwoc-gym protocol": ("{out}/BENCHMARK.md", "{out}/results.json"),
+    "uwoc-gym dataset": ("{out}/data/main_data.hdf5", "{out}/results.json"),
     "uwoc-gym record": ("pulse.mp4", "pulse.gif"),
     "uwoc-gym replay": ("replay.html",),
     "uwoc-gym reproduce": ("{out}/report.html", "{out}/report.md", "{out}/results.json"),
@@ -227,7 +262,7 @@ def test_the_snippet_that_records_leaves_a_video(desk: Path, video_facts: Callab
 
 @pytest.mark.long
 def test_every_line_for_the_shell_runs(desk: Path) -> None:
-    for needed in ("stable_baselines3", "pygame", "imageio_ffmpeg", "plotly", "matplotlib", "tqdm"):
+    for needed in ("stable_baselines3", "minari", "pygame", "imageio_ffmpeg", "plotly", "matplotlib", "tqdm"):
         pytest.importorskip(needed)
     (agent,) = (each for each in PYTHON if "my_agent.zip" in each)
     assert _run([sys.executable, "-c", _shortened(agent)], desk).returncode == 0
