@@ -218,15 +218,27 @@ def _run(command: Sequence[str], desk: Path, **more: Any) -> subprocess.Complete
     )
 
 
+LESS = {
+    r"\blearn\([\d_]+\)": "learn(64)",
+    r"\bn_envs=256\b": "n_envs=2",
+    r"\bn_steps=64\b": "n_steps=32",
+    r"\bbatch_size=2048\b": "batch_size=32",
+    r"\bnum_envs=256\b": "num_envs=4",
+    r"\bn_eval_episodes=10\b": "n_eval_episodes=1",
+}
+"""What a snippet has less of in a test, by what it says."""
+
+
 def _shortened(snippet: str) -> str:
     """A snippet that does what it says with less of it."""
-    return (
-        re.sub(r"learn\([\d_]+\)", "learn(64)", snippet)
-        .replace("n_envs=256", "n_envs=2")
-        .replace("n_steps=64, batch_size=2048", "n_steps=32, batch_size=32")
-        .replace("num_envs=256", "num_envs=4")
-        .replace("n_eval_episodes=10", "n_eval_episodes=1")
-    )
+    for much, little in LESS.items():
+        snippet = re.sub(much, little, snippet)
+    return snippet
+
+
+@pytest.mark.parametrize("much", LESS)
+def test_what_is_shortened_stands_in_one_snippet(much: str) -> None:
+    assert sum(len(re.findall(much, snippet)) for snippet in PYTHON) == 1
 
 
 def test_every_snippet_of_python_runs(desk: Path) -> None:
