@@ -76,10 +76,10 @@ def lines_of_prose(text: str) -> list[str]:
     return [line for line in text.splitlines() if not line.startswith(("|", "#", "!["))]
 
 
-@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md"])
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", "docs/wrap.md"])
 def test_lines_of_prose_are_short(page: str) -> None:
     prose = lines_of_prose((ROOT / page).read_text(encoding="utf-8"))
-    assert len(prose) > 90
+    assert len(prose) > 30
     assert [line for line in prose if len(line) > 120] == []
 
 
