@@ -50,6 +50,39 @@ def picture(text: str) -> Iterator[str]:
         yield from ("".join([*folders, name]) for name in re.findall(r"\w+\.py", words))
 
 
+def linked(page: Path) -> set[Path]:
+    """The pages that a page links, and those that these link, and so on."""
+    found = {page}
+    left = [page]
+    while left:
+        here = left.pop()
+        for target in re.findall(r"\]\(([^)#:]+\.md)", here.read_text(encoding="utf-8")):
+            there = (here.parent / target).resolve()
+            if there not in found:
+                found.add(there)
+                left.append(there)
+    return found
+
+
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    pages = set((ROOT / "docs").glob("*.md"))
+    assert len(pages) > 5
+    assert pages - linked(ROOT / "README.md") == set()
+
+
+def lines_of_prose(text: str) -> list[str]:
+    """The lines outside blocks, tables, headings and pictures."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    return [line for line in text.splitlines() if not line.startswith(("|", "#", "!["))]
+
+
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", "docs/wrap.md"])
+def test_lines_of_prose_are_short(page: str) -> None:
+    prose = lines_of_prose((ROOT / page).read_text(encoding="utf-8"))
+    assert len(prose) > 30
+    assert [line for line in prose if len(line) > 120] == []
+
+
 LAYOUT = README.split("## Layout")[1].split("```")[1].strip("\n")
 
 
@@ -105,6 +138,7 @@ SHORT: dict[str, tuple[str, ...]] = {
         "--training-seeds", "0", "--scenario", "Random", "--seeds", "2",
         "--override", '{"episode": {"duration_s": 5.0}}',
     ),
+    "uwoc-gym dataset": ("--episodes", "2", "--override", "episode.duration_s=5"),
     "uwoc-gym watch": (),
     "uwoc-gym record": ("--to", "28.2", "--size", "640x360"),
     "uwoc-gym replay": ("--override", '{"episode": {"duration_s": 3.0}}'),
@@ -116,6 +150,7 @@ LEFT: dict[str, tuple[str, ...]] = {
     "uwoc-gym train": ("{out}/model.zip", "{out}/results.json", "{out}/settings.yaml", "{out}/curve.png"),
     "uwoc-gym benchmark": (),
     "uwoc-gym protocol": ("{out}/BENCHMARK.md", "{out}/results.json"),
+    "uwoc-gym dataset": ("{out}/data/main_data.hdf5", "{out}/results.json"),
     "uwoc-gym record": ("pulse.mp4", "pulse.gif"),
     "uwoc-gym replay": ("replay.html",),
     "uwoc-gym reproduce": ("{out}/report.html", "{out}/report.md", "{out}/results.json"),
@@ -183,15 +218,27 @@ def _run(command: Sequence[str], desk: Path, **more: Any) -> subprocess.Complete
     )
 
 
+LESS = {
+    r"\blearn\([\d_]+\)": "learn(64)",
+    r"\bn_envs=256\b": "n_envs=2",
+    r"\bn_steps=64\b": "n_steps=32",
+    r"\bbatch_size=2048\b": "batch_size=32",
+    r"\bnum_envs=256\b": "num_envs=4",
+    r"\bn_eval_episodes=10\b": "n_eval_episodes=1",
+}
+"""What a snippet has less of in a test, by what it says."""
+
+
 def _shortened(snippet: str) -> str:
     """A snippet that does what it says with less of it."""
-    return (
-        re.sub(r"learn\([\d_]+\)", "learn(64)", snippet)
-        .replace("n_envs=256", "n_envs=2")
-        .replace("n_steps=64, batch_size=2048", "n_steps=32, batch_size=32")
-        .replace("num_envs=256", "num_envs=4")
-        .replace("n_eval_episodes=10", "n_eval_episodes=1")
-    )
+    for much, little in LESS.items():
+        snippet = re.sub(much, little, snippet)
+    return snippet
+
+
+@pytest.mark.parametrize("much", LESS)
+def test_what_is_shortened_stands_in_one_snippet(much: str) -> None:
+    assert sum(len(re.findall(much, snippet)) for snippet in PYTHON) == 1
 
 
 def test_every_snippet_of_python_runs(desk: Path) -> None:
@@ -227,7 +274,7 @@ def test_the_snippet_that_records_leaves_a_video(desk: Path, video_facts: Callab
 
 @pytest.mark.long
 def test_every_line_for_the_shell_runs(desk: Path) -> None:
-    for needed in ("stable_baselines3", "pygame", "imageio_ffmpeg", "plotly", "matplotlib", "tqdm"):
+    for needed in ("stable_baselines3", "minari", "pygame", "imageio_ffmpeg", "plotly", "matplotlib", "tqdm"):
         pytest.importorskip(needed)
     (agent,) = (each for each in PYTHON if "my_agent.zip" in each)
     assert _run([sys.executable, "-c", _shortened(agent)], desk).returncode == 0

@@ -95,19 +95,19 @@ def run(args: argparse.Namespace) -> int:
         interrupted = True
     results = [result for result in results if result.rows]
     data = tables.results_data(results, args.seed)
-    text = tables.table(data) if data else ""
+    text = tables.table(data, around.plain()) if data else ""
     print(text, end="")
     if folder is not None:
         document = _document(args, scenarios, around, data, not interrupted, begun)
         files.write_results(folder, args.command_line, scenarios, document)
         files.write_text(folder / "table.md", text)
         for name, series in flown.items():
-            figures.figure(folder / f"{name}.png", name, scenarios[name], series)
+            figures.figure(folder / f"{name}.png", name, scenarios[name], series, around.plain())
             returns = {
                 each.policy: np.array([row["return"] for row in each.rows]) for each in results if each.scenario == name
             }
             if min(map(len, returns.values())) > 1:
-                figures.profiles(folder / f"{name}-profile.png", name, returns, scenarios[name])
+                figures.profiles(folder / f"{name}-profile.png", name, returns, scenarios[name], around.plain())
     if interrupted:
         count = sum(len(result.rows) for result in results)
         print(f"uwoc-gym benchmark: interrupted after {count} finished episodes", file=sys.stderr)

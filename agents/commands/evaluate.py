@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             raise
         interrupted = True
     data = tables.results_data([tables.Result(name, policy.name, rows, len(seeds) < len(asked))], args.seed)
-    print(tables.table(data), end="")
+    print(tables.table(data, around.plain()), end="")
     if folder is not None:
         document = {
             "finished": not interrupted,

@@ -55,6 +55,9 @@ def load(name: str, trust: bool = False) -> Policy:
     if gains is not None:
         return of_gains(name, gains_of_file(gains))
     if path.suffix == ".zip" or os.path.exists(name):
+        if not saved.model_of(path).is_file():
+            lack = f"the folder has no {saved.MODEL}" if path.is_dir() else "there is no such file"
+            raise CommandError(f"policy {shown(name)}: {lack}. A policy may be {MAY_BE}.")
         return saved.load(path, by_name, trust)
     return by_name(name)
 

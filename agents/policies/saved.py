@@ -121,6 +121,12 @@ def _read(path: Source, old: bool = False) -> _Parts:
 
 _parts = cache(_read)
 
+
+def model_of(path: Path) -> Path:
+    """The file of the agent that a path means: itself, or the best model in the folder of a training run."""
+    return path / MODEL if path.is_dir() else path
+
+
 Find = Callable[[str], Policy]
 """What finds a policy by its name."""
 
@@ -176,20 +182,17 @@ def load(path: Path, find: Find, trust: bool = False) -> Policy:
     """The policy of a training run's folder, or of a zip file.
 
     Args:
-        path: The folder or the file.
+        path: The folder or the file, which exists.
         find: Finds what an agent corrects, where its file names that.
         trust: Whether to load what holds pickled objects or names code too, and so to run what it says: a zip file that
             Stable-Baselines3 or sb3-contrib alone has saved, an agent of version 0.1 of this package, or one that
             corrects a "module:callable".
 
     Raises:
-        CommandError: There is none, it can't be loaded, or it would have to be trusted.
+        CommandError: It can't be loaded, or it would have to be trusted.
     """
     given = str(path)
-    if path.is_dir():
-        path = path / MODEL
-    if not path.is_file():
-        raise CommandError(f"policy {str(path)!r}: there is no such file.")
+    path = model_of(path)
     if archive.is_agent(path):
         old = False
     else:

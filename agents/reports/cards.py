@@ -15,12 +15,18 @@ from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.policies import archive, saved
+from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import TRAINED, shipped
 from uwoc_gym.agents.reports import files, statistics, tables
+from uwoc_gym.registry import ENV_IDS
+from uwoc_gym.scenario import Scenario
 
 CARD = "CARD.md"
 SCORES = TRAINED / "scores.json"
 """What every policy scored in the benchmark that the cards are written from."""
+
+SEEDS = range(200)
+"""The seeds of the benchmark that cards are written from: those that are held out."""
 
 REFERENCE = "nlpd-tuned"
 """What agents are compared with, episode by episode."""
@@ -37,15 +43,18 @@ _COMPARED = {
 """Measures in which an agent may be worse, in words, and whether more is worse."""
 
 
+_KEPT = ("return", *_COMPARED, "lost")
+"""The measures that are kept."""
+
+
 def kept(results: Mapping[str, Any]) -> dict[str, Any]:
     """What is kept of a benchmark's ``results.json``."""
-    keys = ("return", *_COMPARED, "lost")
     return {
         "command": results["command"],
         "versions": results["versions"],
         "scenarios": results["scenarios"],
         "results": [
-            {**entry, "measures": {key: entry["measures"][key] for key in keys}} for entry in results["results"]
+            {**entry, "measures": {key: entry["measures"][key] for key in _KEPT}} for entry in results["results"]
         ],
     }
 
@@ -88,7 +97,7 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
         f"{description}. Written by `python -m uwoc_gym.agents.reports.cards`; don't edit.",
         "## How to load it",
         f"It sees {sees if said.frame_stack > 1 else 'one observation'}"
-        + (", and corrects a controller whose gains are in its file" if said.residual is not None else "")
+        + (f", and corrects {_corrected(said.residual)}" if said.residual is not None else "")
         + ". `uwoc_gym.agents.load` rebuilds all of that, and runs nothing that is in the file:",
         _block(
             "import gymnasium as gym",
@@ -168,25 +177,41 @@ def _block(*lines: str) -> str:
     return "\n".join(["```python", *lines, "```"])
 
 
+def _corrected(residual: Mapping[str, Any]) -> str:
+    """What an agent corrects, as its file tells it, in words."""
+    if "gains" in residual:
+        return "a controller whose gains are in its file"
+    if "agent" in residual:
+        return "another agent, which is in its file"
+    return tables.code(residual["policy"])
+
+
 def _plain_sb3(name: str, said: archive.Description) -> list[str]:
     """How Stable-Baselines3 alone loads it, where it can."""
-    algorithm = said.algorithm.upper()
+    algorithm, module = ALGORITHMS[said.algorithm][:2]
     if said.residual is not None:
         return [
             f"`{algorithm}.load` of Stable-Baselines3 reads `model.zip`, but gives the correction alone, which is "
-            "nothing without the controller."
+            "nothing without what it corrects."
         ]
+    stacked = said.frame_stack > 1
+    env = 'TrackingVecEnv("uwoc/Random-v0", n_envs=8, seed=0)'
     return [
-        f"`{algorithm}.load` of Stable-Baselines3 gives the network, which takes {said.frame_stack} observations in "
-        "one; `predict` on a single one fails. `VecFrameStack` stacks them:",
+        f"`{algorithm}.load` of Stable-Baselines3 gives the network"
+        + (
+            f", which takes {said.frame_stack} observations in one; `predict` on a single one fails. `VecFrameStack` "
+            "stacks them:"
+            if stacked
+            else ":"
+        ),
         _block(
-            f"from stable_baselines3 import {algorithm}",
+            f"from {module} import {algorithm}",
             "from stable_baselines3.common.evaluation import evaluate_policy",
-            "from stable_baselines3.common.vec_env import VecFrameStack",
+            *(["from stable_baselines3.common.vec_env import VecFrameStack"] if stacked else []),
             "from uwoc_gym.agents.policies.registry import TRAINED",
             "from uwoc_gym.sb3 import TrackingVecEnv",
             "",
-            f'env = VecFrameStack(TrackingVecEnv("uwoc/Random-v0", n_envs=8, seed=0), {said.frame_stack})',
+            f"env = {f'VecFrameStack({env}, {said.frame_stack})' if stacked else env}",
             f'model = {algorithm}.load(TRAINED / "{name}" / "model.zip", env=env, device="cpu")',
             "mean, deviation = evaluate_policy(model, env, n_eval_episodes=8, warn=False)",
             "print(mean)",
@@ -251,15 +276,57 @@ def write(results: Mapping[str, Any], folder: Path = TRAINED) -> list[Path]:
     return list(texts)
 
 
+def read(path: Path) -> dict[str, Any]:
+    """A benchmark's ``results.json`` that cards may be written from.
+
+    Raises:
+        CommandError: It can't be read, is of something else, or of less than cards tell of: all seeds and all IDs.
+    """
+    results = files.read_json(path)
+    if not _of_a_benchmark(results):
+        raise CommandError(f"{str(path)!r} is not allowed; it must be the results.json of uwoc-gym benchmark.")
+    todays = {name: Scenario.named(name).digest() for name in ENV_IDS.values()}
+    for wrong, what in (
+        (results["finished"] is not True, "a benchmark that was interrupted"),
+        (bool(results["settings"].get("wrappers")), "flights in wrappers"),
+        (results["settings"]["seeds"] != list(SEEDS), f"other seeds than {SEEDS[0]} to {SEEDS[-1]}"),
+        (results["scenarios"] != todays, "other scenarios than the IDs' own, all of them"),
+    ):
+        if wrong:
+            raise CommandError(
+                f"{str(path)!r} is of {what}; cards are of all held-out seeds of every ID: uwoc-gym benchmark "
+                f"--seeds {len(SEEDS)} --out results."
+            )
+    return results  # type: ignore[no-any-return]
+
+
+def _of_a_benchmark(results: Any) -> bool:
+    """Whether there is in it what cards and their checks read."""
+    needed = {"command": str, "versions": dict, "scenarios": dict, "results": list, "settings": dict, "finished": bool}
+    if not isinstance(results, dict) or any(not isinstance(results.get(key), kind) for key, kind in needed.items()):
+        return False
+    settings = results["settings"]
+    # Those of `uwoc-gym evaluate` are of one policy.
+    if not isinstance(settings.get("seeds"), list) or not isinstance(settings.get("policies"), list):
+        return False
+    return all(
+        isinstance(entry, dict)
+        and {"scenario", "policy", "episodes", "return_worst", "against", "measures"} <= set(entry)
+        and isinstance(entry["measures"], dict)
+        and set(_KEPT) <= set(entry["measures"])
+        for entry in results["results"]
+    )
+
+
 def main(arguments: Sequence[str]) -> int:
     """Write the cards from a results.json; returns the exit status."""
-    try:
-        (path,) = arguments
-        for written in write(files.read_json(Path(path))):
-            print(written)
-    except ValueError:
-        print("usage: python -m uwoc_gym.agents.reports.cards RESULTS, a results.json of uwoc-gym benchmark")
+    if len(arguments) != 1:
+        usage = "usage: python -m uwoc_gym.agents.reports.cards RESULTS, a results.json of uwoc-gym benchmark"
+        print(usage, file=sys.stderr)
         return 2
+    try:
+        for written in write(read(Path(arguments[0]))):
+            print(written)
     except CommandError as error:
         print(f"cards: {error}", file=sys.stderr)
         return 1

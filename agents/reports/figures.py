@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import numpy.typing as npt
 
 from uwoc_gym.agents.flight import Series
 from uwoc_gym.agents.policies.looks import DASHES, OTHERS, Look, looks
-from uwoc_gym.agents.reports import statistics
+from uwoc_gym.agents.reports import statistics, tables
 from uwoc_gym.agents.reports.files import whole
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.scenario import Scenario
@@ -56,6 +57,17 @@ def style(look: Look) -> dict[str, Any]:
     return {"color": look.colour, "linestyle": dash, "linewidth": 1.6, "zorder": 2.5 if DASHES[look.dash] else 2.2}
 
 
+LEGEND: dict[str, Any] = {"handlelength": 4.0}
+"""Of every legend of policies: its lines long enough for their dashes to be told apart."""
+
+
+def heading(parts: Sequence[str], width: int) -> str:
+    """What stands above a figure, in lines of at most so many characters; those that are empty are left out."""
+    text = textwrap.fill(", ".join(part for part in parts if part), width)
+    # Matplotlib takes what stands between dollars for mathematics.
+    return text.replace("$", r"\$")
+
+
 CLOSE_UP_S = 3.0
 """How long a figure's close-up is [s]."""
 
@@ -88,7 +100,13 @@ def close_up(flown: Sequence[Series], begins: Sequence[float]) -> tuple[float, f
     return most, most + CLOSE_UP_S
 
 
-def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[int, Series]]) -> None:
+def figure(
+    path: Path,
+    name: str,
+    scenario: Scenario,
+    flown: Mapping[str, tuple[int, Series]],
+    wrappers: Sequence[Mapping[str, Any]] = (),
+) -> None:
     """Draw one episode of each policy: range, bit rate and pointing error, the path seen from above, and a close-up.
 
     Args:
@@ -96,6 +114,7 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
         name: The scenario's name, for the title.
         scenario: The scenario.
         flown: Seed and series by policy.
+        wrappers: Name and options of what stood around the environments, for the title.
     """
     chart = new_figure(15.0, 8.4)
     grid = chart.add_gridspec(3, 3, width_ratios=(1.15, 1.0, 1.0))
@@ -173,8 +192,9 @@ def figure(path: Path, name: str, scenario: Scenario, flown: Mapping[str, tuple[
     if pulses:
         handles.append(_patch(PULSE, 0.25))
         labels.append("pulse" if len(pulses) == 1 else "pulses")
-    chart.legend(handles, labels, loc="outside lower center", fontsize=9, ncols=min(len(labels), 8), frameon=False)
-    chart.suptitle(f"{name}, seed {seed}")
+    columns = min(len(labels), 8)
+    chart.legend(handles, labels, loc="outside lower center", fontsize=9, ncols=columns, frameon=False, **LEGEND)
+    chart.suptitle(heading([name, f"seed {seed}", tables.wrapped(wrappers)], 150))
     save(chart, path)
 
 
@@ -230,12 +250,18 @@ def learning_curve(
         axis.set_xlabel("steps")
         axis.set_ylabel(f"{key}, mean and 95 % interval")
         axis.grid(color="#dddddd", linewidth=0.6)
-        axis.legend(loc="lower right", fontsize=8)
+        axis.legend(loc="lower right", fontsize=8, **LEGEND)
     chart.suptitle(title)
     save(chart, path, 120)
 
 
-def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scenario) -> None:
+def profiles(
+    path: Path,
+    name: str,
+    returns: Mapping[str, Array],
+    scenario: Scenario,
+    wrappers: Sequence[Mapping[str, Any]] = (),
+) -> None:
     """Draw each policy's performance profile: the share of episodes above each share of the possible return.
 
     Args:
@@ -243,6 +269,7 @@ def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scen
         name: The scenario's name, for the title.
         returns: Return by policy, any shape.
         scenario: The scenario, for the highest possible return.
+        wrappers: Name and options of what stood around the environments, for the title.
     """
     most = scenario.episode.steps * scenario.reward.bounds[1]
     shares = {policy: np.asarray(values).ravel() / most for policy, values in returns.items()}
@@ -255,8 +282,8 @@ def profiles(path: Path, name: str, returns: Mapping[str, Array], scenario: Scen
     axis.set_xlabel("share of the possible return")
     axis.set_ylabel("share of episodes above it")
     axis.grid(color="#dddddd", linewidth=0.6)
-    axis.legend(fontsize=8)
-    axis.set_title(name)
+    axis.legend(fontsize=8, **LEGEND)
+    axis.set_title(heading([name, tables.wrapped(wrappers)], 75))
     save(chart, path)
 
 

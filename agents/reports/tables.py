@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import textwrap
@@ -125,11 +126,29 @@ WIDTH = 100
 """How wide a table may be that is printed, in characters: a terminal shows it without folding its lines."""
 
 
-def table(data: Sequence[Mapping[str, Any]]) -> str:
+def wrapped(wrappers: Sequence[Mapping[str, Any]]) -> str:
+    """In which wrappers something flew, in a few words: "wrapped in DelayObservation(delay=2)"; "" without any.
+
+    Args:
+        wrappers: Name and options of each, the first innermost, as results tell them.
+    """
+    each = (
+        f"{wrapper['name'].rpartition(':')[2]}"
+        f"({', '.join(f'{key}={json.dumps(value, ensure_ascii=False)}' for key, value in wrapper['options'].items())})"
+        for wrapper in wrappers
+    )
+    return f"wrapped in {', in '.join(each)}" if wrappers else ""
+
+
+def table(data: Sequence[Mapping[str, Any]], wrappers: Sequence[Mapping[str, Any]] = ()) -> str:
     """The results as Markdown, no wider than a terminal.
 
     First, of several scenarios, every return at a glance; then for each scenario a row per policy, the measures in as
     many tables below each other as it takes.
+
+    Args:
+        data: What `results_data` gives.
+        wrappers: Name and options of what stood around the environments, the first innermost.
     """
     scenarios = list(dict.fromkeys(entry["scenario"] for entry in data))
     parts = []
@@ -143,6 +162,9 @@ def table(data: Sequence[Mapping[str, Any]]) -> str:
                 "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
             )
         parts.append(text)
+    if wrappers:
+        there = "returns are what is paid there, all else is of the true states behind."
+        parts.append(f"{textwrap.fill(f'Flown {escaped(wrapped(wrappers))}: {there}', WIDTH)}\n")
     parts.append(f"{textwrap.fill(_NOTES, WIDTH)}\n")
     return "\n".join(parts)
 

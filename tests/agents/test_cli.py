@@ -16,7 +16,11 @@ from uwoc_gym.agents.cli import COMMANDS, main
     [
         (["benchmark", "--policy", "nlpdd"], ["--policy", "did you mean 'nlpd'?"]),
         (["benchmark", "--policy", "no_such_module:thing"], ["--policy", "can't be imported"]),
-        (["benchmark", "--policy", "missing.zip"], ["--policy", "no such file"]),
+        (["benchmark", "--policy", "missing.zip"], ["--policy", "'missing.zip'", "no such file", "module:callable"]),
+        (
+            ["evaluate", __file__.rpartition("/")[0]],
+            ["POLICY", "tests/agents': the folder has no model.zip", "module:callable"],
+        ),
         (["benchmark", "--policy", __file__], ["--policy", "not a zip file saved by Stable-Baselines3"]),
         (["benchmark", "--scenario", "Nominl"], ["--scenario", "did you mean 'Nominal'?"]),
         (["benchmark", "--scenario", "missing.json"], ["--scenario", "missing.json"]),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ import pytest
 from uwoc_gym import ENV_IDS, Scenario
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import fly
+from uwoc_gym.agents.learning.seeds import HELD_OUT
+from uwoc_gym.agents.policies import archive
 from uwoc_gym.agents.policies.registry import POLICIES, TRAINED
 from uwoc_gym.agents.reports import cards, files
 from uwoc_gym.baselines.controllers import CONTROLLERS
@@ -92,3 +96,82 @@ def test_results_that_lack_an_agent_are_refused(tmp_path: Path) -> None:
         cards.write(less, tmp_path)
     assert not (tmp_path / cards.SCORES.name).exists()
     assert (tmp_path / "ppo" / cards.CARD).read_bytes() == before
+
+
+BENCHMARK = SCORES | {"finished": True, "settings": {"seeds": list(range(200)), "policies": [], "wrappers": []}}
+
+
+def without(key: str) -> dict[str, Any]:
+    return {name: value for name, value in BENCHMARK.items() if name != key}
+
+
+def with_settings(**changes: Any) -> dict[str, Any]:
+    return BENCHMARK | {"settings": BENCHMARK["settings"] | changes}
+
+
+@pytest.mark.parametrize(
+    ("results", "words"),
+    [
+        ({}, "must be the results.json of uwoc-gym benchmark"),
+        ([1], "must be the results.json of uwoc-gym benchmark"),
+        (without("settings"), "must be the results.json of uwoc-gym benchmark"),
+        (BENCHMARK | {"results": {"Random": {}}}, "must be the results.json of uwoc-gym benchmark"),
+        (BENCHMARK | {"results": [{"scenario": "Random"}]}, "must be the results.json of uwoc-gym benchmark"),
+        (BENCHMARK | {"settings": {"policy": "pd", "seeds": [0]}}, "must be the results.json of uwoc-gym benchmark"),
+        (BENCHMARK | {"finished": False}, "is of a benchmark that was interrupted; cards are of all held-out seeds"),
+        (with_settings(wrappers=[{"name": "a:b", "options": {}}]), "is of flights in wrappers; "),
+        (with_settings(seeds=list(range(20))), "is of other seeds than 0 to 199; "),
+        (BENCHMARK | {"scenarios": {"Random": "0" * 16}}, "is of other scenarios than the IDs' own, all of them; "),
+        (BENCHMARK | {"results": []}, "the results lack nlpd-tuned, ppo, ppo-residual, td3; "),
+    ],
+)
+def test_what_cards_cannot_be_written_from_is_refused_in_one_line(
+    results: Any, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "results.json"
+    path.write_text(json.dumps(results))
+    before = {name: (TRAINED / name / cards.CARD).stat().st_mtime_ns for name in NAMES}
+    assert cards.main([str(path)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("cards: ")
+    assert words in line
+    assert {name: (TRAINED / name / cards.CARD).stat().st_mtime_ns for name in NAMES} == before
+
+
+def test_a_benchmark_of_everything_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "results.json"
+    path.write_text(json.dumps(BENCHMARK))
+    assert cards.kept(cards.read(path)) == SCORES
+    assert cards.SEEDS == HELD_OUT
+    assert cards.main([]) == cards.main(["a", "b"]) == 2
+    assert capsys.readouterr().err.count("usage: ") == 2
+    assert cards.main([str(tmp_path / "none.json")]) == 1
+
+
+@pytest.mark.parametrize(
+    ("residual", "words"),
+    [
+        ({"gains": {}, "scale": 0.5}, "corrects a controller whose gains are in its file."),
+        ({"agent": "agent.zip", "scale": 0.5}, "corrects another agent, which is in its file."),
+        ({"policy": "ppo", "scale": 0.5}, "corrects `ppo`."),
+    ],
+)
+def test_a_card_says_what_is_corrected(residual: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = replace(archive.read(TRAINED / "ppo/model.zip"), residual=residual)
+    monkeypatch.setattr(archive, "read", lambda model: said)
+    trained = files.read_json(TRAINED / "ppo/results.json")
+    text = cards.card("ppo", "An agent", trained, SCORES, TRAINED / "ppo/model.zip")
+    assert words in text
+    assert "gains are in its file" not in text or "gains" in residual
+
+
+def test_a_card_of_one_observation_stacks_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = replace(archive.read(TRAINED / "ppo/model.zip"), frame_stack=1, algorithm="tqc")
+    monkeypatch.setattr(archive, "read", lambda model: said)
+    trained = files.read_json(TRAINED / "ppo/results.json")
+    text = cards.card("ppo", "An agent", trained, SCORES, TRAINED / "ppo/model.zip")
+    assert "It sees one observation." in text
+    assert "`TQC.load` of Stable-Baselines3 gives the network:" in text
+    assert "from sb3_contrib import TQC" in text
+    assert "VecFrameStack" not in text
+    assert "fails" not in text

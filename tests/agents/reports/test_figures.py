@@ -83,6 +83,34 @@ def test_the_ranges_bounds_are_explained(drawn: Any) -> None:
     assert words == [figures.D_C, figures.D_B]
 
 
+WRAPPERS = [{"name": "gymnasium.wrappers:DelayObservation", "options": {"delay": 2}},
+            {"name": "mine:paid", "options": {"unit": "$x_{$"}}]  # fmt: skip
+
+
+def test_titles_say_what_was_flown_in(
+    two_pulses: Scenario, flown: dict[str, tuple[int, Series]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """In letters as they are, whatever Matplotlib would make of them."""
+    kept: list[Any] = []
+    monkeypatch.setattr(figures, "save", lambda chart, path: kept.append(chart))
+    returns = {"pd": np.array([1.0, 2.0])}
+    for wrappers, words in ((), ""), (WRAPPERS, r', wrapped in DelayObservation(delay=2), in paid(unit="\$x_{\$")'):
+        figures.figure(tmp_path / "a.png", "two pulses", two_pulses, flown, wrappers)
+        figures.profiles(tmp_path / "b.png", "two pulses", returns, two_pulses, wrappers)
+        whole, profile = kept[-2:]
+        profile.canvas.draw()
+        assert whole.get_suptitle() == f"two pulses, seed 0{words}"
+        assert " ".join(profile.axes[0].get_title().split()) == f"two pulses{words}"
+
+
+def test_legends_show_a_whole_dash_of_every_line(drawn: Any) -> None:
+    """Two of the longest dashes with the gap between them, in points."""
+    (legend,) = drawn.legends
+    width = figures.style(LOOKS["pd"])["linewidth"]
+    longest = max(2.0 * dash[0] + dash[1] for dash in figures.DASHES.values() if dash)
+    assert legend.handlelength * legend.get_texts()[0].get_fontsize() >= longest * width
+
+
 def test_a_profile_shows_the_worst_episode(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     kept: list[Any] = []
     monkeypatch.setattr(figures, "save", lambda chart, path: kept.append(chart))

@@ -87,6 +87,24 @@ def test_a_printed_table_fits_a_terminal() -> None:
     assert names[2][-30:] in text
 
 
+def test_what_flew_in_wrappers_says_so_below() -> None:
+    rows = [{measure.key: 1.0 for measure in tables.MEASURES}]
+    data = tables.results_data([tables.Result("Random", "pd", rows, False)], 0)
+    late = {"name": "gymnasium.wrappers:DelayObservation", "options": {"delay": 2}}
+    named = {"name": "mine:a.b", "options": {"how": "s|x", "by": [1, 2]}}
+    assert tables.wrapped([late]) == "wrapped in DelayObservation(delay=2)"
+    assert tables.wrapped([late, named]) == 'wrapped in DelayObservation(delay=2), in a.b(how="s|x", by=[1, 2])'
+    assert tables.wrapped([]) == ""
+    plain, told = tables.table(data), tables.table(data, [late, named])
+    assert "wrapped" not in plain
+    more = set(told.splitlines()) - set(plain.splitlines())
+    assert " ".join(line for line in told.splitlines() if line in more) == (
+        r'Flown wrapped in DelayObservation(delay=2), in a.b(how="s\|x", by=\[1, 2\]): returns are what is paid '
+        "there, all else is of the true states behind."
+    )
+    assert max(map(len, told.splitlines())) <= tables.WIDTH
+
+
 def test_the_returns_at_a_glance_say_who_leads() -> None:
     rows = {name: [{measure.key: value for measure in tables.MEASURES}] for name, value in (("pd", 1.0), ("ppo", 2.0))}
     rows["lost"] = [{measure.key: math.nan for measure in tables.MEASURES}]
