@@ -39,7 +39,7 @@ LOOKS: dict[str, Look] = {
     "pd-tuned": Look("#D55E00", "dot"),
     "nlpd": Look("#2F93D1", "dash"),
     "nlpd-tuned": Look("#2F6BD6", "longdash"),
-    "ekf-nlpd": Look("#3A5FA8", "solid"),
+    "ekf-nlpd": Look("#4F74C4", "solid"),
     "los": Look("#A8622C", "solid"),
     "los-tide": Look("#A3527C", "dashdot"),
     "ppo": Look("#009E73", "solid"),
