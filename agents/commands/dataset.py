@@ -161,10 +161,8 @@ def _replay(args: argparse.Namespace) -> tuple[str, Scenario, Callable[[Dataset]
     for name in ("scenario", "override", "seed", "noise"):
         if getattr(args, name) is not None:
             raise CommandError(f"--{name} is not allowed beside --replay, whose run says what was flown.")
-    if args.trust:
-        raise CommandError("--trust is not allowed beside --replay, of which nothing is run.")
     with naming("--replay"):
-        replay = replayed(Path(args.replay))
+        replay = replayed(Path(args.replay), args.trust)
     kept = replay.episodes[-args.episodes if args.episodes else None :]
     return replay.name, replay.scenario, lambda dataset: dataset.append(kept), {"run": args.replay, "policies": []}
 

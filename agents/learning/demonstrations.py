@@ -94,10 +94,14 @@ class Replay(NamedTuple):
     episodes: list[Episode]
 
 
-def replayed(folder: Path) -> Replay:
+def replayed(folder: Path, trust: bool = False) -> Replay:
     """The episodes in the replay buffer of a training run's newest checkpoint, whole ones alone.
 
     They have no seeds: what a training flies goes on from episode to episode.
+
+    Args:
+        folder: The run's.
+        trust: Whether the module of its environment's ID may be imported.
 
     Raises:
         CommandError: It isn't the folder of a run, its algorithm has no replay buffer, it corrects a policy or was
@@ -112,7 +116,7 @@ def replayed(folder: Path) -> Replay:
         raise CommandError(f"{str(folder)!r} corrects a policy: the actions it learned from aren't those applied.")
     if recorded["wrappers"]:
         raise _in_wrappers(folder)
-    plan = planned(Wish(), recorded)
+    plan = planned(Wish(trust=trust), recorded)
     practice = plan.practice
     if practice is None:
         raise CommandError(f"{str(folder)!r} was trained on {plan.env_id}, which isn't one of this package's.")

@@ -51,6 +51,13 @@ class Wish:
     eval_every: int | None = None
     eval_episodes: int | None = None
     checkpoint_every: int | None = None
+    trust: bool = False
+    """Whether code may be run that a file names: a run's, its settings' or an agent's. What is named here always is."""
+
+    @property
+    def names_code(self) -> bool:
+        """Whether the run will name code, so that going on with it needs trust."""
+        return self.trust or bool(self.wrapper) or any(_is_code(each) for each in (self.residual or "", self.env or ""))
 
     def words(self) -> list[str]:
         """The options that say the same on the command line."""
@@ -58,6 +65,9 @@ class Wish:
         for field in fields(self):
             value = getattr(self, field.name)
             option = "--" + field.name.replace("_", "-")
+            if isinstance(value, bool):
+                words += [option] if value else []
+                continue
             for each in value if isinstance(value, tuple) else () if value is None else (value,):
                 words += [option, str(each)]
         return words
@@ -235,7 +245,13 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         _check_arguments(where, values)
         base, task = (_with_periods(each, values) for each in (where.base, where.task))
     with nullcontext() if wish.residual is not None else naming(f"settings of {source or algorithm}"):
-        corrected = _corrected(where, values["residual"])
+        given = values["residual"]
+        if not wish.trust and isinstance(given, str) and not _is_typed(wish, "residual"):
+            _check_trusted(f"residual = {shown(given)}", given)
+        corrected = _corrected(where, given, wish.trust)
+    if not wish.wrapper and not wish.trust:
+        for each in known.get("wrappers", ()):
+            _check_trusted(f"run.json: wrapper {shown(each['name'])}", each["name"])
     around = wrapping(wish.wrapper or known.get("wrappers", ()))
     episodes = wish.eval_episodes or known.get("eval_episodes", 32)
     every = wish.eval_every or known.get("eval_every", max(values["n_timesteps"] // 20, 1))
@@ -258,6 +274,32 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         _ = plan.practice
     _check_wrapped(plan)
     return plan
+
+
+def _is_typed(wish: Wish, setting: str) -> bool:
+    """Whether a setting is of the command line, rather than of a file."""
+    return getattr(wish, setting) is not None or any(
+        each.partition("=")[0].strip().split(".")[0] == setting for each in wish.set
+    )
+
+
+def _is_code(name: str) -> bool:
+    """Whether a name has a module to import that isn't this package."""
+    module, colon, _ = name.partition(":")
+    return bool(colon) and module != "uwoc_gym"
+
+
+def _check_trusted(what: str, name: str) -> None:
+    """Refuse to import what a file names, unless it is this package's own.
+
+    Raises:
+        CommandError: It is code.
+    """
+    if _is_code(name):
+        raise CommandError(
+            f"{what} is code, which a file names, and going on would run it; if you trust whoever made the file, give "
+            "--trust, or name the code on the command line again."
+        )
 
 
 def check_same(plan: Plan, recorded: Mapping[str, Any], folder: Path) -> None:
@@ -310,6 +352,8 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> _Where:
     if wish.scenario is None and not wish.override and wish.env in (None, known.get("env")) and known:
         # Refuses an environment that isn't there any more.
         with naming("run.json"):
+            if wish.env is None and not wish.trust:
+                _check_trusted(f"env = {shown(known['env'])}", known["env"])
             fleet = base_of(known["env"]).fleet
             base = None if known["base"] is None else Scenario.from_dict(known["base"])
         changes = tuple(known["overrides"])
@@ -321,6 +365,9 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> _Where:
         own = Scenario.named(found.base) if found.base is not None else said(wish.scenario).scenario
         return _Where(env_id, _called(found, env_id), own, found.scenario, found.changes, fleet=True)
     env_id = known.get("env", DEFAULT_ENV) if wish.env is None else wish.env
+    if wish.env is None and not wish.trust:
+        with naming("run.json"):
+            _check_trusted(f"env = {shown(env_id)}", env_id)
     base, fleet = base_of(env_id)
     changes = changes_of(wish.override)
     if base is None and wish.override:
@@ -362,7 +409,7 @@ def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str,
     )
 
 
-def _corrected(where: _Where, given: Any) -> Correction | None:
+def _corrected(where: _Where, given: Any, trust: bool) -> Correction | None:
     """What is corrected.
 
     Raises:
@@ -374,7 +421,7 @@ def _corrected(where: _Where, given: Any) -> Correction | None:
         raise CommandError(
             f"residual is not allowed for {where.env_id!r}, {_OTHERS}: no policy that is corrected knows what it sees."
         )
-    found = correction(given)
+    found = correction(given, trust)
     assert found is not None
     with naming(f"residual = {shown(given)} is not allowed"):
         check_actions((len(where.task.actions),))

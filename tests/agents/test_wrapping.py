@@ -155,7 +155,10 @@ def test_agents_train_and_fly_in_wrappers(tmp_path: Path, capsys: pytest.Capture
     capsys.readouterr()
     assert main(["train", "--resume", "--out", str(out), "--wrapper", "gymnasium.wrappers:ClipAction"]) == 1
     assert "other wrappers; leave out --wrapper" in capsys.readouterr().err
-    assert main(["train", "--resume", "--out", str(out)]) == 0
+    assert main(["train", "--resume", "--out", str(out)]) == 1
+    assert "wrapper 'gymnasium.wrappers:DelayObservation' is code" in capsys.readouterr().err
+    assert main(["train", "--resume", "--out", str(out), "--wrapper", LATE]) == 0
+    assert main(["train", "--resume", "--out", str(out), "--trust"]) == 0
     assert main(["list"]) == 0
 
 

@@ -129,7 +129,6 @@ def test_lost_episodes_end_where_the_link_is_lost() -> None:
         (["--replay", "nowhere", "--override", SHORT], ["--override is not allowed beside --replay"]),
         (["--replay", "nowhere", "--scenario", "Random"], ["--scenario is not allowed beside --replay"]),
         (["--replay", "nowhere", "--seed", "1000"], ["--seed is not allowed beside --replay"]),
-        (["--replay", "nowhere", "--trust"], ["--trust is not allowed beside --replay"]),
         (["--replay", "nowhere", "--policy", "pd"], ["not allowed with argument"]),
         ([], ["--policy", "--replay"]),
     ],
@@ -236,6 +235,11 @@ def test_only_runs_with_a_buffer_are_replayed(
         (other / "run.json").write_text(json.dumps(run | more))
         assert main(["dataset", "--replay", str(other), "--out", str(tmp_path / "a-v0")]) == 1
         assert words in capsys.readouterr().err
+    (other / "run.json").write_text(json.dumps(run | {"env": "no_such_module:Thing-v0"}))
+    assert main(["dataset", "--replay", str(other), "--out", str(tmp_path / "a-v0")]) == 1
+    assert "'no_such_module:Thing-v0' is code" in capsys.readouterr().err
+    assert main(["dataset", "--replay", str(other), "--trust", "--out", str(tmp_path / "a-v0")]) == 1
+    assert "No module named 'no_such_module'" in capsys.readouterr().err
     (other / "run.json").write_text(json.dumps(run))
     damaged = other / "checkpoint-000001"
     damaged.mkdir()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -227,6 +228,20 @@ def test_code_that_is_corrected_is_run_by_those_who_trust_it(
     assert main(["evaluate", str(out), "--seeds", "2", *BRIEF]) == 1
     assert "give --trust" in capsys.readouterr().err
     assert main(["evaluate", str(out), "--seeds", "2", "--trust", *BRIEF]) == 0
+    # Going on with a run runs nothing that only its file names.
+    monkeypatch.delitem(sys.modules, "law_of_mine")
+    assert main(["train", "--resume", "--out", str(out)]) == 1
+    assert "law_of_mine" not in sys.modules
+    assert "residual = 'law_of_mine:make' is code" in capsys.readouterr().err
+    for more in (["--trust"], ["--residual", "law_of_mine:make"], ["--set", "residual=law_of_mine:make"]):
+        assert main(["train", "--resume", "--out", str(out), *more]) == 0
+    above = tmp_path / "above"
+    assert main(["train", "--residual", str(out), *SMALL, *BRIEF, "--out", str(above)]) == 1
+    assert "give --trust" in capsys.readouterr().err
+    assert not above.exists()
+    assert main(["train", "--residual", str(out), "--trust", *SMALL, *BRIEF, "--out", str(above)]) == 0
+    assert not load(str(out), trust=True).deterministic
+    assert not load(str(above), trust=True).deterministic
     # Shipped agents are named.
     assert correction("ppo").told == {"policy": "ppo"}  # type: ignore[union-attr]
 
