@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from uwoc_gym.agents.errors import CommandError, naming, require
+from uwoc_gym.agents.flight import decide
 from uwoc_gym.agents.learning import settings
 from uwoc_gym.agents.learning.seeds import training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
@@ -272,7 +275,7 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
     )
     with nullcontext() if source is None else naming(f"settings of {source}"):
         _ = plan.practice
-    _check_wrapped(plan)
+    _check_flown(plan)
     return plan
 
 
@@ -457,29 +460,36 @@ def _of_singles(where: _Where, around: Wrapping, values: Mapping[str, Any]) -> W
     return replace(around, single=singles(where.env_id, where.base, rest))
 
 
-def _check_wrapped(plan: Plan) -> None:
-    """Refuse wrappers in which nothing can be trained that flies again.
+def _check_flown(plan: Plan) -> None:
+    """Refuse wrappers in which nothing can be trained that flies again, and policies that can't be corrected.
 
     Raises:
-        CommandError: They can't go around the environments, or change the shapes of observations or actions.
+        CommandError: Wrappers can't go around the environments, change the shapes of observations or actions, or fail
+            at the first step, or a corrected policy does.
     """
     from uwoc_gym.agents.learning.environments import make_base
 
     around = plan.wrapping
-    if not around:
-        return
-    if plan.practice is None or plan.task is None:
-        make_base(plan.env_id, 1, None, plan.values["env_kwargs"], around).close()
-        return
     for scenario in (plan.practice, plan.task):
+        if scenario is None or not (around or plan.corrected):
+            continue
         around.check(scenario)
-        env = around.fleet(scenario, 1)
-        shapes = (env.single_observation_space.shape, env.single_action_space.shape)
-        env.close()
-        wanted = ((scenario.observation.size,), (len(scenario.actions),))
-        if shapes != wanted:
-            raise CommandError(
-                f"--wrapper {' '.join(around.words)} is not allowed: it makes observations and actions of shapes "
-                f"{shapes[0]} and {shapes[1]}; an agent flies on those of the scenario, {wanted[0]} and {wanted[1]}. "
-                "--frame-stack and the observation groups of --override change what it sees."
-            )
+        with closing(around.fleet(scenario, 1)) as env:
+            shapes = (env.single_observation_space.shape, env.single_action_space.shape)
+            wanted = ((scenario.observation.size,), (len(scenario.actions),))
+            if shapes != wanted:
+                raise CommandError(
+                    f"{around.name} is not allowed: it makes observations and actions of shapes {shapes[0]} and "
+                    f"{shapes[1]}; an agent flies on those of the scenario, {wanted[0]} and {wanted[1]}. --frame-stack "
+                    "and the observation groups of --override change what it sees."
+                )
+            if plan.corrected is not None:
+                policy, seen = plan.corrected.policy, env.reset(seed=0)[0]
+                with naming(f"residual = {shown(plan.values['residual'])} is not allowed"):
+                    decide(policy, policy.pilot(scenario), seen, None, np.ones(1, dtype=bool), wanted[1][0])
+    if around:
+        # In training episodes begin anew in another way.
+        base = make_base(plan.env_id, 1, plan.practice, plan.values["env_kwargs"], around)
+        with closing(base), around.blamed():
+            base.reset()
+            base.step(np.array([base.action_space.sample()]))

@@ -246,6 +246,22 @@ def test_code_that_is_corrected_is_run_by_those_who_trust_it(
     assert correction("ppo").told == {"policy": "ppo"}  # type: ignore[union-attr]
 
 
+class Fails:
+    """A policy that fails."""
+
+    def __init__(self, scenario: Scenario) -> None: ...
+
+    def predict(self, observation: Any, **_: Any) -> Any:
+        raise KeyError("no")
+
+
+class Narrow(Fails):
+    """A policy of another number of actions."""
+
+    def predict(self, observation: Any, **_: Any) -> Any:
+        return np.zeros((len(observation), 2)), None
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -253,6 +269,8 @@ def test_code_that_is_corrected_is_run_by_those_who_trust_it(
         ("missing.zip", ["residual = 'missing.zip'", "there is no such file"]),
         ("missing.json", ["missing.json", "can't be read"]),
         ("no_such_module:thing", ["can't be imported"]),
+        (f"{__name__}:Fails", ["policy '", "Fails' failed: KeyError: 'no'"]),
+        (f"{__name__}:Narrow", ["gave actions of shape (1, 2)"]),
     ],
 )
 def test_what_cannot_be_corrected_is_refused(
