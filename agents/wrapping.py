@@ -17,8 +17,8 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.agents.modules import import_here
-from uwoc_gym.given import SettingError, from_json, shown
+from uwoc_gym.agents.modules import named_object
+from uwoc_gym.given import said_by, shown
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.vector_env import TrackingVectorEnv
 from uwoc_gym.wrapping import Wrapper, for_vectors, single_env, split, state_of, vector_env, wrap
@@ -170,10 +170,7 @@ def _name_and_options(word: str) -> tuple[str, dict[str, Any]]:
     options: dict[str, Any] = {}
     for part in parts:
         key, _, text = part.partition("=")
-        try:
-            options[key.strip()] = from_json(text)
-        except SettingError:
-            options[key.strip()] = text.strip()
+        options[key.strip()] = said_by(text)
     return name.strip(), options
 
 
@@ -182,9 +179,7 @@ def _found(name: str, options: Mapping[str, Any]) -> Wrapper:
     if not colon or not module or not attribute:
         raise CommandError(f"{shown(name)} is not allowed; it must be {MAY_BE}.")
     try:
-        found: Any = import_here(module)
-        for part in attribute.split("."):
-            found = getattr(found, part)
+        found = named_object(name)
     except Exception as error:
         raise CommandError(f"{name!r} can't be imported: {type(error).__name__}: {error}") from None
     if not callable(found):
