@@ -224,6 +224,8 @@ def decide(
     """
     try:
         found = predictor.predict(observations, state=memory, episode_start=begun, deterministic=True)
+    except CommandError:
+        raise
     except Exception as error:
         raise CommandError(f"policy {policy.name!r} failed: {type(error).__name__}: {error}") from error
     if not isinstance(found, tuple) or len(found) != 2:

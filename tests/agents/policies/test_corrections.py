@@ -255,6 +255,32 @@ class Fails:
         raise KeyError("no")
 
 
+class FailsLate(Fails):
+    """A policy that fails in the middle of an episode."""
+
+    def predict(self, observation: Any, state: Any = None, **_: Any) -> Any:
+        if state == 2:
+            raise KeyError("no")
+        return np.zeros((len(observation), 3), dtype=np.float32), (state or 0) + 1
+
+
+class FailsInFours(Fails):
+    """A policy that fails in four environments, as many as it is trained in."""
+
+    def predict(self, observation: Any, state: Any = None, **_: Any) -> Any:
+        if len(observation) == 4:
+            raise KeyError("no")
+        return np.zeros((len(observation), 3), dtype=np.float32), None
+
+
+@pytest.mark.parametrize("kind", [FailsLate, FailsInFours])
+def test_a_corrected_policy_that_fails_is_named(kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = f"{__name__}:{kind.__name__}"
+    assert main(["train", "--residual", given, *SMALL, *BRIEF, "--out", str(tmp_path / "run")]) == 1
+    error = capsys.readouterr().err
+    assert f"error: policy '{given}', which is corrected, failed: KeyError: 'no'" in error
+
+
 class Narrow(Fails):
     """A policy of another number of actions."""
 
