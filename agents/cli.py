@@ -36,6 +36,8 @@ COMMANDS = {
 """Module of each command, which has HELP, EXAMPLES, add_arguments(parser) and run(args)."""
 
 
+PROGRAM = "uwoc-gym"
+
 LONGEST = 4000
 """Characters of an error that are shown."""
 
@@ -48,11 +50,16 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line."""
 
     def error(self, message: str) -> NoReturn:
+        missing = message.partition("arguments are required: ")[2]
+        if missing and not missing.startswith("-") and self.prog != PROGRAM:
+            # Which an option before it has taken, if it was given.
+            first = missing.partition(",")[0]
+            message += f"; {first} must stand before options that take several words, such as --override"
         raise _UsageError(message)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="uwoc-gym", description="Keep an optical link between an AUV and a moving ship.")
+    parser = _Parser(prog=PROGRAM, description="Keep an optical link between an AUV and a moving ship.")
     parser.add_argument("--version", action="version", version=f"uwoc-gym {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():

@@ -161,7 +161,7 @@ def fly(
         begun = terminated | truncated
         state = state_of(env)
         if wrapping:
-            _check_clock(state["time_s"][alive & ~begun], (step + 1) * scenario.episode.control_period_s, wrapping)
+            wrapping.check_clock(state["time_s"][alive & ~begun], (step + 1) * scenario.episode.control_period_s)
     env.close()
     record = EpisodeRecord(
         time_s=np.arange(steps + 1, dtype=np.float64) * scenario.episode.control_period_s,
@@ -194,15 +194,6 @@ def fly(
     )
 
 
-def _check_clock(times: Array, wanted: float, wrapping: Wrapping) -> None:
-    """Refuse steps that aren't one control period each, by which all measures count."""
-    if not np.allclose(times, wanted, rtol=1e-9, atol=1e-9):
-        raise CommandError(
-            f"--wrapper {' '.join(wrapping.words)} is not allowed: a step of it takes the AUV to {times.max():g} s "
-            f"instead of {wanted:g} s; it must be one control period, which episode.control_period_s sets."
-        )
-
-
 def check_followed(
     infos: Mapping[str, Any],
     alive: npt.NDArray[np.bool_],
@@ -233,6 +224,8 @@ def decide(
     """
     try:
         found = predictor.predict(observations, state=memory, episode_start=begun, deterministic=True)
+    except CommandError:
+        raise
     except Exception as error:
         raise CommandError(f"policy {policy.name!r} failed: {type(error).__name__}: {error}") from error
     if not isinstance(found, tuple) or len(found) != 2:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from types import ModuleType
+from typing import Any
 
 
 def import_here(name: str) -> ModuleType:
@@ -19,3 +20,16 @@ def import_here(name: str) -> ModuleType:
         return importlib.import_module(name)
     finally:
         sys.path.remove("")
+
+
+def named_object(name: str) -> Any:
+    """What "module:name" names, of which the name may have dots.
+
+    Raises:
+        Exception: Whatever the import raises, or there is nothing of that name.
+    """
+    module, _, attributes = name.partition(":")
+    found: Any = import_here(module)
+    for each in attributes.split("."):
+        found = getattr(found, each)
+    return found

@@ -159,13 +159,13 @@ def scenarios_of(args: argparse.Namespace) -> dict[str, Scenario]:
 
 
 def add_trust_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option that lets policies run what their files say."""
+    """Add the option that lets policies, and runs that go on, run what their files say."""
     parser.add_argument(
         "--trust",
         action="store_true",
-        help="load .zip files that hold pickled objects or name code too, which runs it: those that Stable-Baselines3 "
-        "alone has saved, agents of version 0.1, and those that correct a module:callable; without it nothing in a "
-        "file is run",
+        help="load files that hold pickled objects or name code too, which runs it: those that Stable-Baselines3 alone "
+        "has saved, agents of version 0.1, those that correct a module:callable, and runs that name one; without it "
+        "nothing in a file is run",
     )
 
 

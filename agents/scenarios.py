@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.given import SettingError, closest, from_json, read_text, shown
+from uwoc_gym.given import SettingError, closest, from_json, read_text, said_by, shown
 from uwoc_gym.parameters import ChildSpec, Parameters
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import SCENARIOS, Scenario
@@ -95,23 +95,27 @@ def changes_of(override: str | Sequence[str] | None) -> tuple[dict[str, Any], ..
                 if key in together:
                     raise CommandError(f"{shown(key)} is given twice; leave one out.")
                 together[key] = value
+            elif not _is_json(word) and not word.endswith(".json") and not os.path.isfile(word):
+                raise CommandError(
+                    f"{shown(word)} is not allowed; it must be path=value, path*=factor, JSON or a .json file."
+                )
             else:
                 found.append(json_object(word))
                 together = None
     return tuple(each for each in found if each)
 
 
+def _is_json(word: str) -> bool:
+    return word.lstrip()[:1] in ("{", "[")
+
+
 def _is_assignment(word: str) -> bool:
-    return "=" in word and word.lstrip()[:1] not in ("{", "[") and not os.path.isfile(word)
+    return "=" in word and not _is_json(word) and not os.path.isfile(word)
 
 
 def _assignment(word: str) -> tuple[str, Any]:
     path, scales, text = re.fullmatch(r"(.*?)\s*(\*?)=(.*)", word, re.DOTALL).groups()  # type: ignore[union-attr]
-    try:
-        value = from_json(text)
-    except SettingError:
-        value = text.strip()
-    return f"{path.strip()} *=" if scales else path.strip(), value
+    return f"{path.strip()} *=" if scales else path.strip(), said_by(text)
 
 
 def differences(own: Scenario, other: Scenario) -> list[str]:
@@ -204,7 +208,7 @@ def json_object(given: str, file: bool = False) -> dict[str, Any]:
         CommandError: The file can't be read, or it isn't a JSON object.
     """
     try:
-        text = given if not file and given.lstrip()[:1] in ("{", "[") else read_text(given)
+        text = given if not file and _is_json(given) else read_text(given)
         found = from_json(text, shown(given))
     except SettingError as error:
         raise CommandError(str(error)) from None

@@ -5,22 +5,23 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.agents.modules import import_here
-from uwoc_gym.env import TrackingEnv
-from uwoc_gym.given import SettingError, from_json, shown
+from uwoc_gym.agents.modules import named_object
+from uwoc_gym.given import said_by, shown
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.vector_env import TrackingVectorEnv
-from uwoc_gym.wrapping import Wrapper, for_vectors, split, vector_env, wrap
+from uwoc_gym.wrapping import Wrapper, for_vectors, single_env, split, state_of, vector_env, wrap
 
 MAY_BE = (
     "module:callable, with options as in gymnasium.wrappers:DelayObservation,delay=2, that takes an environment and "
@@ -56,7 +57,7 @@ class Wrapping:
         Raises:
             CommandError: A wrapper can't go around them, or leaves no actions in a row.
         """
-        make = self.single or _tracking
+        make = self.single or single_env
         native = None if self.single is not None else partial(TrackingVectorEnv, size, scenario)
         with self.blamed():
             return vector_env(native, partial(make, scenario), size, self.wrappers, AutoresetMode.NEXT_STEP)
@@ -80,23 +81,51 @@ class Wrapping:
         """Refuse what can't be flown.
 
         Raises:
-            CommandError: A wrapper can't go around the environments, or observations aren't an array, or actions not a
-                row of numbers.
+            CommandError: A wrapper fails, observations aren't an array, actions not a row of numbers or infos not a
+                dict, or a step isn't one control period.
         """
         if not self:
             return
-        env = self.fleet(scenario, 1)
-        for name, space, ranks in (
-            ("observations", env.single_observation_space, ()),
-            ("actions", env.single_action_space, (1,)),
-        ):
-            if not isinstance(space, spaces.Box) or (ranks and len(space.shape) not in ranks):
-                allowed = "a Box of one dimension" if ranks else "a Box"
-                raise CommandError(
-                    f"--wrapper {' '.join(self.words)} is not allowed: it makes the {name} {shown(space)}; they must "
-                    f"be {allowed}."
-                )
-        env.close()
+        with closing(self.fleet(scenario, 1)) as env:
+            for name, space, ranks in (
+                ("observations", env.single_observation_space, ()),
+                ("actions", env.single_action_space, (1,)),
+            ):
+                if not isinstance(space, spaces.Box) or (ranks and len(space.shape) not in ranks):
+                    allowed = "a Box of one dimension" if ranks else "a Box"
+                    raise CommandError(
+                        f"{self.name} is not allowed: it makes the {name} {shown(space)}; they must be {allowed}."
+                    )
+            with self.blamed():
+                low, high = env.action_space.low, env.action_space.high  # type: ignore[attr-defined]
+                infos = [env.reset(seed=0)[1], env.step(np.clip(np.zeros_like(low), low, high))[4]]
+            for each in infos:
+                if not isinstance(each, Mapping):
+                    raise CommandError(
+                        f"{self.name} is not allowed: it makes infos a {type(each).__name__}; they must be a dict."
+                    )
+            self.check_clock(state_of(env)["time_s"], scenario.episode.control_period_s)
+
+    def check_clock(self, times: npt.ArrayLike, wanted: float) -> None:
+        """Refuse steps that aren't one control period each, by which all measures count.
+
+        Args:
+            times: Where the episodes are [s].
+            wanted: Where they should be [s].
+
+        Raises:
+            CommandError: One is elsewhere.
+        """
+        if not np.allclose(times, wanted, rtol=1e-9, atol=1e-9):
+            raise CommandError(
+                f"{self.name} is not allowed: a step of it takes the AUV to {np.max(times):g} s instead of {wanted:g} "
+                "s; it must be one control period, which episode.control_period_s sets."
+            )
+
+    @property
+    def name(self) -> str:
+        """What errors call it."""
+        return f"--wrapper {' '.join(self.words)}" if self.words else "what the environment's ID puts around it"
 
     @contextmanager
     def blamed(self) -> Iterator[None]:
@@ -108,11 +137,7 @@ class Wrapping:
         except Exception as error:
             if not self.words:
                 raise
-            raise CommandError(f"--wrapper {' '.join(self.words)} failed: {type(error).__name__}: {error}") from error
-
-
-def _tracking(scenario: Scenario) -> gym.Env[Any, Any]:
-    return TrackingEnv(scenario=scenario)
+            raise CommandError(f"{self.name} failed: {type(error).__name__}: {error}") from error
 
 
 PLAIN = Wrapping()
@@ -145,10 +170,7 @@ def _name_and_options(word: str) -> tuple[str, dict[str, Any]]:
     options: dict[str, Any] = {}
     for part in parts:
         key, _, text = part.partition("=")
-        try:
-            options[key.strip()] = from_json(text)
-        except SettingError:
-            options[key.strip()] = text.strip()
+        options[key.strip()] = said_by(text)
     return name.strip(), options
 
 
@@ -157,9 +179,7 @@ def _found(name: str, options: Mapping[str, Any]) -> Wrapper:
     if not colon or not module or not attribute:
         raise CommandError(f"{shown(name)} is not allowed; it must be {MAY_BE}.")
     try:
-        found: Any = import_here(module)
-        for part in attribute.split("."):
-            found = getattr(found, part)
+        found = named_object(name)
     except Exception as error:
         raise CommandError(f"{name!r} can't be imported: {type(error).__name__}: {error}") from None
     if not callable(found):

@@ -241,6 +241,14 @@ def from_json(text: str, name: str | None = None) -> Any:
     raise SettingError(f"{name or shown(text)} isn't valid JSON: {reason}")
 
 
+def said_by(word: str) -> Any:
+    """The value that a word of a command line says: what it is as JSON, else the text itself."""
+    try:
+        return from_json(word)
+    except SettingError:
+        return word.strip()
+
+
 def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
     """The text of a file, UTF-8 with or without a byte-order mark.
 

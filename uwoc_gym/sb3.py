@@ -14,12 +14,11 @@ from stable_baselines3.common.env_util import is_wrapped
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from uwoc_gym.env import TrackingEnv
 from uwoc_gym.given import is_sequence, shown, values_of
 from uwoc_gym.scenario import as_scenario
 from uwoc_gym.spaces import ScenarioLike, check_options, check_seed
 from uwoc_gym.vector_env import TrackingVectorEnv
-from uwoc_gym.wrapping import Wrapper, singles_of, split, vector_env
+from uwoc_gym.wrapping import Wrapper, single_env, singles_of, split, vector_env
 
 
 class TrackingVecEnv(VecEnv):
@@ -37,7 +36,9 @@ class TrackingVecEnv(VecEnv):
         wrapper: What goes around the environments, or several of such, the first innermost: a `gymnasium.Wrapper` or
             any callable goes around each single environment, which are then stepped one by one; a
             `gymnasium.vector.VectorWrapper`, or a callable that says ``vector = True``, goes around the whole fleet. A
-            vector wrapper that remembers anything must heed ``reset(options={"reset_mask": mask})``.
+            vector wrapper that remembers anything must heed ``reset(options={"reset_mask": mask})``, which those of
+            Gymnasium that do, such as `NormalizeObservation`, refuse: they need environments that begin anew in the
+            next step.
         env_kwargs: Further arguments of `TrackingVectorEnv`.
 
     Attributes:
@@ -45,8 +46,8 @@ class TrackingVecEnv(VecEnv):
         scenario: What they fly.
 
     Raises:
-        ValueError: The ID has no `TrackingVectorEnv`, an entry of ``info_keys`` is unknown, or the wrappers' order
-            isn't allowed.
+        ValueError: The ID has no `TrackingVectorEnv`, an entry of ``info_keys`` is unknown, the wrappers or their order
+            aren't allowed, or ``max_episode_steps`` beside wrappers of single environments is above the scenario's.
         TypeError: A wrapper returned something else than what it was given, wrapped.
     """
 
@@ -62,16 +63,21 @@ class TrackingVecEnv(VecEnv):
     ) -> None:
         if scenario is not None:
             env_kwargs["scenario"] = scenario
-        wrappers = [wrapper] if callable(wrapper) else list(wrapper)
-        vectors = split(wrappers)[1]
+        wrappers = _wrappers(wrapper)
+        around, vectors = split(wrappers)
         # Gymnasium's vector wrappers don't go around environments that begin anew within a step.
         self._begins_anew = AutoresetMode.DISABLED if vectors else AutoresetMode.SAME_STEP
         made = _made(env_id, n_envs, self._begins_anew, env_kwargs)
         self.scenario = made.scenario
-        steps = env_kwargs.get("max_episode_steps")
+        steps, most = env_kwargs.get("max_episode_steps"), made.scenario.episode.steps
+        if around and steps is not None and steps > most:
+            raise ValueError(
+                f"max_episode_steps = {shown(steps)} is not allowed in wrappers of single environments; it must be at "
+                f"most the scenario's {most}, which episode.duration_s sets."
+            )
 
         def single() -> gym.Env[Any, Any]:
-            env = TrackingEnv(scenario=made.scenario, render_mode=made.render_mode, render_size=made.render_size)
+            env = single_env(made.scenario, render_mode=made.render_mode, render_size=made.render_size)
             return env if steps is None else gym.wrappers.TimeLimit(env, steps)
 
         self.vector_env: VectorEnv[Any, Any, Any] = vector_env(
@@ -86,6 +92,7 @@ class TrackingVecEnv(VecEnv):
                 raise ValueError(f"info_keys has {shown(key)}, which is not known; allowed are {known}.")
         self._info_keys = tuple(values_of(info_keys))
         self._actions: Any = None
+        self._given: set[str] = set()
         own = self.vector_env
         super().__init__(own.num_envs, own.single_observation_space, own.single_action_space)
         self.render_mode = made.render_mode
@@ -171,6 +178,8 @@ class TrackingVecEnv(VecEnv):
         """Begin an episode in every environment; returns observations of shape (N, size)."""
         seeds: list[int | None] | None = list(self._seeds) if any(s is not None for s in self._seeds) else None
         observations, infos = self.vector_env.reset(seed=seeds, options=self._together(self._options))  # type: ignore[arg-type]
+        if not isinstance(infos, Mapping):
+            raise TypeError(f"a wrapper returned infos of type {type(infos).__name__}; they must be a dict of arrays.")
         self.reset_infos = [_lane(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -220,6 +229,9 @@ class TrackingVecEnv(VecEnv):
         chosen = self._get_indices(indices)
         if self._singles is not None:
             return [self._singles[i].get_wrapper_attr(attr_name) for i in chosen]
+        fleet = self.vector_env.unwrapped
+        if attr_name in self._given:
+            return [fleet.get_attr(attr_name)[i] for i in chosen]  # type: ignore[attr-defined]
         value = self._attribute(attr_name)
         return [value for _ in chosen]
 
@@ -227,15 +239,21 @@ class TrackingVecEnv(VecEnv):
         """Set an attribute of the environments: each one's, or where they share a fleet, the fleet's.
 
         Raises:
-            ValueError: ``indices`` names only some of a fleet.
+            ValueError: ``indices`` names only some of a fleet, or its environments share the attribute and were made
+                with it; nothing has changed.
         """
         if self._singles is not None:
             for i in self._get_indices(indices):
                 self._singles[i].set_wrapper_attr(attr_name, value)
             return
         self._require_all(indices, "set_attr")
-        owner = next((each for each in self._layers() if hasattr(each, attr_name)), self.vector_env.unwrapped)
-        setattr(owner, attr_name, value)
+        fleet = self.vector_env.unwrapped
+        owner = next((each for each in self._layers() if hasattr(each, attr_name)), fleet)
+        if owner is fleet:
+            fleet.set_attr(attr_name, [value] * self.num_envs)  # type: ignore[attr-defined]
+            self._given.add(attr_name)
+        else:
+            setattr(owner, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
@@ -252,7 +270,7 @@ class TrackingVecEnv(VecEnv):
         takes = inspect.signature(method).parameters
         # One that takes nothing else only reads, and gives the parts of all.
         if indices is not None and "lanes" in takes and len(takes) > 1:
-            method_kwargs["lanes"] = np.array(chosen)
+            method_kwargs["lanes"] = np.array(chosen, dtype=int)
         result = method(*method_args, **method_kwargs)
         return [_part(result, i, self.num_envs) for i in chosen]
 
@@ -281,6 +299,16 @@ class TrackingVecEnv(VecEnv):
     def _require_all(self, indices: VecEnvIndices, method: str) -> None:
         if sorted(self._get_indices(indices)) != list(range(self.num_envs)):
             raise ValueError(f"{method} acts on all environments, which share one fleet; leave out indices.")
+
+
+def _wrappers(given: Any) -> list[Wrapper]:
+    each: list[Any] = [given] if callable(given) else list(given) if is_sequence(given) else [None]
+    if not all(map(callable, each)):
+        raise ValueError(
+            f"wrapper = {shown(given)} is not allowed; it must take an environment and return it wrapped, or be a list "
+            "of such."
+        )
+    return each
 
 
 def _made(env_id: str, n_envs: int, mode: AutoresetMode, env_kwargs: Mapping[str, Any]) -> TrackingVectorEnv:

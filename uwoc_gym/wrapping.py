@@ -9,9 +9,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv, VectorWrapper
 
+from uwoc_gym.env import TrackingEnv
 from uwoc_gym.given import shown
+from uwoc_gym.scenario import Scenario
 from uwoc_gym.vector_env import TrackingVectorEnv
 
 Wrapper = Callable[[Any], Any]
@@ -65,6 +68,22 @@ def wrap(env: Any, wrappers: Sequence[Wrapper]) -> Any:
                 "given, wrapped."
             )
         env = found
+    return env
+
+
+def single_env(scenario: Scenario, **options: Any) -> TrackingEnv:
+    """A single environment to wrap, whose spec says its episodes' length, which some wrappers ask for.
+
+    Args:
+        scenario: What it flies.
+        options: Further arguments of `TrackingEnv`.
+    """
+    env = TrackingEnv(scenario=scenario, **options)
+    env.spec = EnvSpec(
+        "uwoc/Nominal-v0",
+        entry_point="uwoc_gym.env:TrackingEnv",
+        kwargs={"scenario": scenario.to_dict(), **options},
+    )
     return env
 
 

@@ -18,11 +18,12 @@ from uwoc_gym.agents.options import (
     add_trust_argument,
     number,
     policies_of,
-    scenario_of,
     whole,
 )
+from uwoc_gym.agents.policies.registry import MAY_BE
 from uwoc_gym.agents.reports import datasets, files
 from uwoc_gym.agents.reports.datasets import Dataset
+from uwoc_gym.agents.scenarios import said
 from uwoc_gym.scenario import Scenario
 
 HELP = "write episodes of policies, or of a training, as a dataset of Minari"
@@ -43,6 +44,11 @@ BATCH = 100
 USUAL = 100
 """Episodes a policy."""
 
+USUAL_SEED = 1000
+"""Of the first one."""
+
+USUAL_SCENARIO = "Random"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
@@ -51,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--policy",
         nargs="+",
         metavar="POLICY",
-        help="what flies: names, folders of training runs, saved .zip files or module:callable",
+        help=f"what flies, each {MAY_BE}",
     )
     what.add_argument(
         "--replay",
@@ -59,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="instead, the replay buffer of a training run's folder (sac, td3 and tqc have one), in its own scenario",
     )
     add_trust_argument(parser)
-    add_scenario_arguments(parser, "Random")
+    add_scenario_arguments(parser, None, f"by default {USUAL_SCENARIO}: ")
     parser.add_argument(
         "--episodes",
         type=whole("seeds"),
@@ -69,15 +75,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed",
         type=whole("seed"),
-        default=1000,
         metavar="S",
-        help=f"seed of the first episode, the others' follow (default: %(default)s; the benchmark is flown on "
+        help=f"seed of the first episode, the others' follow (default: {USUAL_SEED}; the benchmark is flown on "
         f"{HELD_OUT[0]} to {HELD_OUT[-1]}, which nothing should be learned from)",
     )
     parser.add_argument(
         "--noise",
         type=number("noise"),
-        default=0.0,
         metavar="σ",
         help="standard deviation of noise on every action, as a share of the actuators' limits (default: 0)",
     )
@@ -127,12 +131,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _flights(args: argparse.Namespace) -> tuple[str, Scenario, Callable[[Dataset], None], dict[str, object]]:
     """Name and scenario of what is flown, what flies it, and what there is to say about it."""
-    name, scenario = scenario_of(args)
+    name, _, _, scenario = said(USUAL_SCENARIO if args.scenario is None else args.scenario, args.override)
     policies = policies_of(args)
-    count = args.episodes or USUAL
+    count, noise = args.episodes or USUAL, args.noise or 0.0
+    first = USUAL_SEED if args.seed is None else args.seed
     check_flights(policies, {name: scenario}, min(count, BATCH))
-    wanted = range(args.seed, args.seed + count)
-    plan = [(policy, wanted if args.noise else flown_seeds(policy, scenario, wanted)) for policy in policies]
+    wanted = range(first, first + count)
+    plan = [(policy, wanted if noise else flown_seeds(policy, scenario, wanted)) for policy in policies]
 
     def fill(dataset: Dataset) -> None:
         from tqdm import tqdm
@@ -140,7 +145,7 @@ def _flights(args: argparse.Namespace) -> tuple[str, Scenario, Callable[[Dataset
         with tqdm(total=sum(len(seeds) for _, seeds in plan), unit="episode", file=sys.stderr) as bar:
             for policy, seeds in plan:
                 for batch in batches(seeds, BATCH):
-                    episodes = flown(policy, scenario, batch, args.noise)
+                    episodes = flown(policy, scenario, batch, noise)
                     # An HDF5 file that is left in the middle of a write may not be read any more.
                     with interrupts.noted() as asked:
                         dataset.append(episodes)
@@ -149,17 +154,15 @@ def _flights(args: argparse.Namespace) -> tuple[str, Scenario, Callable[[Dataset
                         raise KeyboardInterrupt
 
     seeds = {policy.name: [own[0], own[-1]] for policy, own in plan}
-    return name, scenario, fill, {"policies": list(seeds), "seeds": seeds, "noise": args.noise}
+    return name, scenario, fill, {"policies": list(seeds), "seeds": seeds, "noise": noise}
 
 
 def _replay(args: argparse.Namespace) -> tuple[str, Scenario, Callable[[Dataset], None], dict[str, object]]:
-    for option, given, usual in (("--override", args.override, None), ("--scenario", args.scenario, "Random")):
-        if given != usual:
-            raise CommandError(f"{option} is not allowed beside --replay, whose run says what was flown.")
-    if args.noise:
-        raise CommandError("--noise is not allowed beside --replay, which was flown already.")
+    for name in ("scenario", "override", "seed", "noise"):
+        if getattr(args, name) is not None:
+            raise CommandError(f"--{name} is not allowed beside --replay, whose run says what was flown.")
     with naming("--replay"):
-        replay = replayed(Path(args.replay))
+        replay = replayed(Path(args.replay), args.trust)
     kept = replay.episodes[-args.episodes if args.episodes else None :]
     return replay.name, replay.scenario, lambda dataset: dataset.append(kept), {"run": args.replay, "policies": []}
 

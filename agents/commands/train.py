@@ -11,7 +11,7 @@ from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.learning.plans import DEFAULT_ENV, Wish
 from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, RUNS
 from uwoc_gym.agents.learning.settings import TRAINABLE
-from uwoc_gym.agents.options import add_scenario_arguments, add_wrapper_argument, number, whole
+from uwoc_gym.agents.options import add_scenario_arguments, add_trust_argument, add_wrapper_argument, number, whole
 from uwoc_gym.agents.policies.registry import MAY_BE
 from uwoc_gym.agents.reports import files
 
@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_scenario_arguments(parser, None, "in place of --env, ")
     add_wrapper_argument(parser)
+    add_trust_argument(parser)
     parser.add_argument(
         "--out", required=True, metavar="DIR", help="folder of the run: model.zip, results.json and all"
     )
@@ -89,7 +90,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         made = training.train(wish, folder, args.command_line, args.resume, args.threads, tell=_tell)
     except training.Interruption as stop:
-        print(f"uwoc-gym train: {stop}; go on with: uwoc-gym train --resume --out {args.out}", file=sys.stderr)
+        trust = " --trust" if wish.names_code else ""
+        print(f"uwoc-gym train: {stop}; go on with: uwoc-gym train --resume{trust} --out {args.out}", file=sys.stderr)
         return stop.status
     if already:
         print(f"uwoc-gym train: the run in {folder} is finished", file=sys.stderr)

@@ -94,18 +94,29 @@ class Replay(NamedTuple):
     episodes: list[Episode]
 
 
-def replayed(folder: Path) -> Replay:
+def replayed(folder: Path, trust: bool = False) -> Replay:
     """The episodes in the replay buffer of a training run's newest checkpoint, whole ones alone.
 
     They have no seeds: what a training flies goes on from episode to episode.
 
+    Args:
+        folder: The run's.
+        trust: Whether the module of its environment's ID may be imported.
+
     Raises:
-        CommandError: It isn't the folder of a run, its algorithm has no replay buffer, it corrects a controller, so
-            that its actions aren't those that were applied, or there is no whole episode.
+        CommandError: It isn't the folder of a run, its algorithm has no replay buffer, it corrects a policy or was
+            trained in wrappers, so that its actions aren't those that were applied or its observations those of the
+            scenario, or there is no whole episode.
     """
     if not (folder / "run.json").is_file():
         raise CommandError(f"{str(folder)!r} is not the folder of a training run; it must hold run.json.")
-    plan = planned(Wish(), recorded_plan(folder / "run.json"))
+    recorded = recorded_plan(folder / "run.json")
+    # Before anything that it names is imported.
+    if recorded["settings"].get("residual") is not None:
+        raise CommandError(f"{str(folder)!r} corrects a policy: the actions it learned from aren't those applied.")
+    if recorded["wrappers"]:
+        raise _in_wrappers(folder)
+    plan = planned(Wish(trust=trust), recorded)
     practice = plan.practice
     if practice is None:
         raise CommandError(f"{str(folder)!r} was trained on {plan.env_id}, which isn't one of this package's.")
@@ -114,8 +125,8 @@ def replayed(folder: Path) -> Replay:
         raise CommandError(
             f"{str(folder)!r} was trained by {plan.algorithm}, which keeps no replay buffer; it must be one of {known}."
         )
-    if plan.corrected is not None:
-        raise CommandError(f"{str(folder)!r} corrects a controller: the actions it learned from aren't those applied.")
+    if plan.wrapping:
+        raise _in_wrappers(folder)
     last = checkpoints.newest(folder)
     if last is None:
         raise CommandError(f"{str(folder)!r} holds no checkpoint yet.")
@@ -124,6 +135,12 @@ def replayed(folder: Path) -> Replay:
     if not episodes:
         raise CommandError(f"{str(folder)!r} holds no whole episode in its replay buffer; train it longer.")
     return Replay(f"replay of {folder.name}", practice, episodes)
+
+
+def _in_wrappers(folder: Path) -> CommandError:
+    return CommandError(
+        f"{str(folder)!r} was trained in wrappers: what it saw, did and was paid there isn't what its scenario gives."
+    )
 
 
 _FIELDS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")

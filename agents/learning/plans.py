@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from uwoc_gym.agents.errors import CommandError, naming, require
+from uwoc_gym.agents.flight import decide
 from uwoc_gym.agents.learning import settings
 from uwoc_gym.agents.learning.seeds import training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
@@ -51,6 +54,13 @@ class Wish:
     eval_every: int | None = None
     eval_episodes: int | None = None
     checkpoint_every: int | None = None
+    trust: bool = False
+    """Whether code may be run that a file names: a run's, its settings' or an agent's. What is named here always is."""
+
+    @property
+    def names_code(self) -> bool:
+        """Whether the run will name code, so that going on with it needs trust."""
+        return self.trust or bool(self.wrapper) or any(_is_code(each) for each in (self.residual or "", self.env or ""))
 
     def words(self) -> list[str]:
         """The options that say the same on the command line."""
@@ -58,6 +68,9 @@ class Wish:
         for field in fields(self):
             value = getattr(self, field.name)
             option = "--" + field.name.replace("_", "-")
+            if isinstance(value, bool):
+                words += [option] if value else []
+                continue
             for each in value if isinstance(value, tuple) else () if value is None else (value,):
                 words += [option, str(each)]
         return words
@@ -235,7 +248,13 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         _check_arguments(where, values)
         base, task = (_with_periods(each, values) for each in (where.base, where.task))
     with nullcontext() if wish.residual is not None else naming(f"settings of {source or algorithm}"):
-        corrected = _corrected(where, values["residual"])
+        given = values["residual"]
+        if not wish.trust and isinstance(given, str) and not _is_typed(wish, "residual"):
+            _check_trusted(f"residual = {shown(given)}", given)
+        corrected = _corrected(where, given, wish.trust)
+    if not wish.wrapper and not wish.trust:
+        for each in known.get("wrappers", ()):
+            _check_trusted(f"run.json: wrapper {shown(each['name'])}", each["name"])
     around = wrapping(wish.wrapper or known.get("wrappers", ()))
     episodes = wish.eval_episodes or known.get("eval_episodes", 32)
     every = wish.eval_every or known.get("eval_every", max(values["n_timesteps"] // 20, 1))
@@ -256,8 +275,34 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
     )
     with nullcontext() if source is None else naming(f"settings of {source}"):
         _ = plan.practice
-    _check_wrapped(plan)
+    _check_flown(plan)
     return plan
+
+
+def _is_typed(wish: Wish, setting: str) -> bool:
+    """Whether a setting is of the command line, rather than of a file."""
+    return getattr(wish, setting) is not None or any(
+        each.partition("=")[0].strip().split(".")[0] == setting for each in wish.set
+    )
+
+
+def _is_code(name: str) -> bool:
+    """Whether a name has a module to import that isn't this package."""
+    module, colon, _ = name.partition(":")
+    return bool(colon) and module != "uwoc_gym"
+
+
+def _check_trusted(what: str, name: str) -> None:
+    """Refuse to import what a file names, unless it is this package's own.
+
+    Raises:
+        CommandError: It is code.
+    """
+    if _is_code(name):
+        raise CommandError(
+            f"{what} is code, which a file names, and going on would run it; if you trust whoever made the file, give "
+            "--trust, or name the code on the command line again."
+        )
 
 
 def check_same(plan: Plan, recorded: Mapping[str, Any], folder: Path) -> None:
@@ -310,6 +355,8 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> _Where:
     if wish.scenario is None and not wish.override and wish.env in (None, known.get("env")) and known:
         # Refuses an environment that isn't there any more.
         with naming("run.json"):
+            if wish.env is None and not wish.trust:
+                _check_trusted(f"env = {shown(known['env'])}", known["env"])
             fleet = base_of(known["env"]).fleet
             base = None if known["base"] is None else Scenario.from_dict(known["base"])
         changes = tuple(known["overrides"])
@@ -321,6 +368,9 @@ def _environment(wish: Wish, known: Mapping[str, Any]) -> _Where:
         own = Scenario.named(found.base) if found.base is not None else said(wish.scenario).scenario
         return _Where(env_id, _called(found, env_id), own, found.scenario, found.changes, fleet=True)
     env_id = known.get("env", DEFAULT_ENV) if wish.env is None else wish.env
+    if wish.env is None and not wish.trust:
+        with naming("run.json"):
+            _check_trusted(f"env = {shown(env_id)}", env_id)
     base, fleet = base_of(env_id)
     changes = changes_of(wish.override)
     if base is None and wish.override:
@@ -362,7 +412,7 @@ def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str,
     )
 
 
-def _corrected(where: _Where, given: Any) -> Correction | None:
+def _corrected(where: _Where, given: Any, trust: bool) -> Correction | None:
     """What is corrected.
 
     Raises:
@@ -374,7 +424,7 @@ def _corrected(where: _Where, given: Any) -> Correction | None:
         raise CommandError(
             f"residual is not allowed for {where.env_id!r}, {_OTHERS}: no policy that is corrected knows what it sees."
         )
-    found = correction(given)
+    found = correction(given, trust)
     assert found is not None
     with naming(f"residual = {shown(given)} is not allowed"):
         check_actions((len(where.task.actions),))
@@ -410,29 +460,36 @@ def _of_singles(where: _Where, around: Wrapping, values: Mapping[str, Any]) -> W
     return replace(around, single=singles(where.env_id, where.base, rest))
 
 
-def _check_wrapped(plan: Plan) -> None:
-    """Refuse wrappers in which nothing can be trained that flies again.
+def _check_flown(plan: Plan) -> None:
+    """Refuse wrappers in which nothing can be trained that flies again, and policies that can't be corrected.
 
     Raises:
-        CommandError: They can't go around the environments, or change the shapes of observations or actions.
+        CommandError: Wrappers can't go around the environments, change the shapes of observations or actions, or fail
+            at the first step, or a corrected policy does.
     """
     from uwoc_gym.agents.learning.environments import make_base
 
     around = plan.wrapping
-    if not around:
-        return
-    if plan.practice is None or plan.task is None:
-        make_base(plan.env_id, 1, None, plan.values["env_kwargs"], around).close()
-        return
     for scenario in (plan.practice, plan.task):
+        if scenario is None or not (around or plan.corrected):
+            continue
         around.check(scenario)
-        env = around.fleet(scenario, 1)
-        shapes = (env.single_observation_space.shape, env.single_action_space.shape)
-        env.close()
-        wanted = ((scenario.observation.size,), (len(scenario.actions),))
-        if shapes != wanted:
-            raise CommandError(
-                f"--wrapper {' '.join(around.words)} is not allowed: it makes observations and actions of shapes "
-                f"{shapes[0]} and {shapes[1]}; an agent flies on those of the scenario, {wanted[0]} and {wanted[1]}. "
-                "--frame-stack and the observation groups of --override change what it sees."
-            )
+        with closing(around.fleet(scenario, 1)) as env:
+            shapes = (env.single_observation_space.shape, env.single_action_space.shape)
+            wanted = ((scenario.observation.size,), (len(scenario.actions),))
+            if shapes != wanted:
+                raise CommandError(
+                    f"{around.name} is not allowed: it makes observations and actions of shapes {shapes[0]} and "
+                    f"{shapes[1]}; an agent flies on those of the scenario, {wanted[0]} and {wanted[1]}. --frame-stack "
+                    "and the observation groups of --override change what it sees."
+                )
+            if plan.corrected is not None:
+                policy, seen = plan.corrected.policy, env.reset(seed=0)[0]
+                with naming(f"residual = {shown(plan.values['residual'])} is not allowed"):
+                    decide(policy, policy.pilot(scenario), seen, None, np.ones(1, dtype=bool), wanted[1][0])
+    if around:
+        # In training episodes begin anew in another way.
+        base = make_base(plan.env_id, 1, plan.practice, plan.values["env_kwargs"], around)
+        with closing(base), around.blamed():
+            base.reset()
+            base.step(np.array([base.action_space.sample()]))

@@ -29,6 +29,7 @@ from uwoc_gym.agents.policies.agent import Agent, stack
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.archive import Normalisation
 from uwoc_gym.agents.policies.registry import POLICIES
+from uwoc_gym.agents.policies.residual import Named
 from uwoc_gym.agents.reports import figures, files, tables
 from uwoc_gym.agents.scenarios import differences
 from uwoc_gym.baselines.policy import Policy, Predictor
@@ -210,7 +211,9 @@ class Run:
     def _corrected(self, scenario: Scenario | None) -> Predictor | None:
         """What the agent corrects, made for a scenario."""
         corrected = self.plan.corrected
-        return corrected.policy.pilot(scenario) if corrected is not None and scenario is not None else None
+        if corrected is None or scenario is None:
+            return None
+        return Named(corrected.policy.pilot(scenario), corrected.policy.name)
 
     def _restore(self, path: Path) -> None:
         """Put the model back where a checkpoint left it."""
@@ -227,13 +230,20 @@ class Run:
         frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
         return Agent(self.model, normalise, frames, self._corrected(plan.task), scale)
 
+    def _lot(self) -> int | None:
+        return rollout(self.model, self.kind.off_policy)
+
+    def forecast(self) -> Forecast:
+        """What the run will have come to at its end."""
+        plan, progress = self.plan, self.progress
+        evaluated = progress.evaluations[-1]["steps"] if progress.evaluations else None
+        lot = self._lot() or plan.values["n_envs"]
+        return forecast(plan.values["n_timesteps"], progress.steps, lot, plan.eval_every, evaluated)
+
     def preview(self) -> list[str]:
         """What the run will do from where it stands, in a few lines, before it does anything."""
-        plan, model = self.plan, self.model
+        plan, lot, ahead = self.plan, self._lot(), self.forecast()
         total, done, envs = plan.values["n_timesteps"], self.progress.steps, plan.values["n_envs"]
-        evaluated = self.progress.evaluations[-1]["steps"] if self.progress.evaluations else None
-        lot = rollout(model, self.kind.off_policy)
-        ahead = forecast(total, done, lot or envs, plan.eval_every, evaluated)
         asked = f" ({total:,} asked for; they come in lots of {lot:,})" if lot and ahead.steps != total else ""
         if lot is None:
             asked = " and to the end of that episode"
@@ -273,7 +283,7 @@ class Run:
         try:
             with (
                 tqdm(
-                    total=total,
+                    total=self.forecast().steps,
                     initial=self.progress.steps,
                     unit="step",
                     unit_scale=True,

@@ -47,11 +47,12 @@ class Correction:
         return None if self.data is None else hashlib.sha256(self.data).hexdigest()
 
 
-def correction(given: str | Mapping[str, Any] | None) -> Correction | None:
+def correction(given: str | Mapping[str, Any] | None, trust: bool = False) -> Correction | None:
     """What is corrected; None for nothing.
 
     Args:
         given: All that a policy may be given as, or the gains themselves.
+        trust: Whether an agent's file may name code, which is run.
 
     Raises:
         CommandError: There is no such policy, or it can't be loaded.
@@ -59,12 +60,14 @@ def correction(given: str | Mapping[str, Any] | None) -> Correction | None:
     if given is None:
         return None
     try:
-        return _of_gains("gains", gains_of(given, shown(dict(given)))) if isinstance(given, Mapping) else _named(given)
+        if isinstance(given, Mapping):
+            return _of_gains("gains", gains_of(given, shown(dict(given))))
+        return _named(given, trust)
     except CommandError as error:
         raise CommandError(f"residual = {shown(given)} is not allowed; {error}") from None
 
 
-def _named(name: str) -> Correction:
+def _named(name: str, trust: bool) -> Correction:
     known = FORMER_NAMES.get(name, name)
     if known in GAINS:
         return _of_gains(known, GAINS[known])
@@ -80,7 +83,7 @@ def _named(name: str) -> Correction:
                     f"{shown(name)} holds pickled objects, which an agent's file can't take in; give a module:callable "
                     f"that loads it. What is corrected may otherwise be {MAY_BE}."
                 )
-            return Correction(load(name), {"agent": archive.CORRECTED}, file.read_bytes())
+            return Correction(load(name, trust), {"agent": archive.CORRECTED}, file.read_bytes())
     return Correction(load(name), {"policy": name})
 
 

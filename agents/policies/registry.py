@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.modules import import_here
+from uwoc_gym.agents.modules import named_object
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.scenarios import json_object
@@ -125,11 +125,8 @@ def gains_of(given: Mapping[str, Any], name: str) -> GainSet:
 
 
 def _callable(name: str) -> Policy:
-    module_name, _, attribute = name.partition(":")
     try:
-        found: Any = import_here(module_name)
-        for part in attribute.split("."):
-            found = getattr(found, part)
+        found = named_object(name)
     except Exception as error:
         raise CommandError(f"policy {name!r} can't be imported: {type(error).__name__}: {error}") from None
     if not callable(found):

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 
+from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.baselines.policy import Predictor
 from uwoc_gym.given import SettingError, as_number, shown
 from uwoc_gym.scenario import Scenario
@@ -55,6 +56,37 @@ def check_actions(shape: tuple[int, ...] | None) -> None:
     """
     if shape != CONTROLS.shape:
         raise SettingError(f"the environment's actions have shape {shape}; a controller's have {CONTROLS.shape}.")
+
+
+class Named:
+    """A policy that is corrected, whose failures say which it is.
+
+    Args:
+        policy: The policy.
+        name: What it is called.
+    """
+
+    def __init__(self, policy: Predictor, name: str) -> None:
+        self._policy, self._name = policy, name
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Any, Any]:
+        """What the policy does.
+
+        Raises:
+            CommandError: It fails.
+        """
+        try:
+            return self._policy.predict(
+                observation, state=state, episode_start=episode_start, deterministic=deterministic
+            )
+        except CommandError:
+            raise
+        except Exception as error:
+            raise CommandError(
+                f"policy {self._name!r}, which is corrected, failed: {type(error).__name__}: {error}"
+            ) from error
 
 
 class Corrected:

@@ -207,7 +207,14 @@ def load(path: Path, find: Find, trust: bool = False) -> Policy:
             return foreign.load(path, given)
     # Built once to meet errors now rather than in the middle of a benchmark.
     _parts.cache_clear()
-    description = _parts(path, old).description
+    parts = _parts(path, old)
     # Whether code that it corrects gives the same again isn't known.
-    sure = ":" not in (description.residual or {}).get("policy", "")
-    return Policy(given, description.description, partial(build, path, find, old=old, trust=trust), sure)
+    make, sure = partial(build, path, find, old=old, trust=trust), not _corrects_code(parts)
+    return Policy(given, parts.description.description, make, sure)
+
+
+def _corrects_code(parts: _Parts) -> bool:
+    """Whether an agent corrects a module:callable, or an agent that does."""
+    if parts.corrected is not None:
+        return _corrects_code(parts.corrected)
+    return ":" in (parts.description.residual or {}).get("policy", "")

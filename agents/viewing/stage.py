@@ -15,10 +15,10 @@ from uwoc_gym.agents.policies.looks import looks
 from uwoc_gym.agents.viewing.episode import Episode
 from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines.policy import Policy
-from uwoc_gym.env import TrackingEnv
 from uwoc_gym.rendering import Colour, Renderer, text_image
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import SMALLEST_DETAILED
+from uwoc_gym.wrapping import single_env
 
 
 class Pilot:
@@ -34,7 +34,8 @@ class Pilot:
     ) -> None:
         self._policy = policy
         self._predictor = policy.pilot(scenario)
-        self.env = TrackingEnv(scenario=scenario)
+        self.env = single_env(scenario)
+        self._period_s, self._steps = scenario.episode.control_period_s, 0
         self._wrapping = wrapping
         self._seen = wrapping.around(self.env)
         self._width = math.prod(self._seen.action_space.shape or ())
@@ -49,12 +50,16 @@ class Pilot:
         """Begin the episode of a seed."""
         with self._wrapping.blamed():
             self._observation, _ = self._seen.reset(seed=seed)
-        self._memory, self._begun, self.ended, self.time_s = None, True, False, 0.0
+        self._memory, self._begun, self.ended, self.time_s, self._steps = None, True, False, 0.0, 0
         self.renderer.title = title
         self.renderer.begin(self.env.state(), self.env.parameters())
 
     def step(self) -> None:
-        """Fly one control period, unless the episode has ended."""
+        """Fly one control period, unless the episode has ended.
+
+        Raises:
+            CommandError: The policy or a wrapper fails, or a wrapper's step isn't one control period.
+        """
         if self.ended:
             return
         actions, self._memory = decide(
@@ -67,6 +72,9 @@ class Pilot:
         self.time_s = state["time_s"]
         self.renderer.record(state)
         self.ended = terminated or truncated
+        self._steps += 1
+        if self._wrapping and not self.ended:
+            self._wrapping.check_clock(self.time_s, self._steps * self._period_s)
         if self.ended:
             self.renderer.note("the link is lost beyond recovery" if terminated else "end of the episode", math.inf)
 

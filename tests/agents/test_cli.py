@@ -34,6 +34,9 @@ from uwoc_gym.agents.cli import COMMANDS, main
         (["speed", "--rounds", "0"], ["--rounds", "from 1 to"]),
         (["speed", "--out", __file__], ["--out", "folder"]),
         (["nonsense"], ["nonsense"]),
+        (["evaluate", "--override", "depth_m=2", "pd"], ["POLICY must stand before options", "--override"]),
+        (["tune", "--wrapper", "a:b", "pd", "--out", "out"], ["target must stand before options"]),
+        (["evaluate", "pd", "--override", "a", "--out"], ["--out"]),
         ([], ["COMMAND"]),
     ],
 )

@@ -123,7 +123,7 @@ def test_case_does_not_matter(given: str) -> None:
         (["depth_m=deep"], "Scenario.depth_m = 'deep'"),
         (["sea.pulses[4].force_x_n=1"], "Sea.pulses[4] is not there"),
         (["=3"], "Scenario has no setting ''"),
-        (["nlpd"], "can't be read"),
+        (["nlpd"], "'nlpd' is not allowed; it must be path=value, path*=factor, JSON or a .json file"),
         ("missing.json", "can't be read"),
         ("{", "isn't valid JSON"),
         ('{"episod": {}}', "did you mean 'episode'?"),

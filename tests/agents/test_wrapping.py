@@ -49,6 +49,17 @@ class Skip(gym.Wrapper):
         self.env.step(action)
         return self.env.step(action)
 
+class Stumble(gym.Wrapper):
+    """Skips what comes after the second step."""
+
+    steps = 0
+
+    def step(self, action):
+        self.steps += 1
+        if self.steps == 3:
+            self.env.step(action)
+        return self.env.step(action)
+
 class Broken(gym.Wrapper):
     def step(self, action):
         raise KeyError("broken")
@@ -155,7 +166,10 @@ def test_agents_train_and_fly_in_wrappers(tmp_path: Path, capsys: pytest.Capture
     capsys.readouterr()
     assert main(["train", "--resume", "--out", str(out), "--wrapper", "gymnasium.wrappers:ClipAction"]) == 1
     assert "other wrappers; leave out --wrapper" in capsys.readouterr().err
-    assert main(["train", "--resume", "--out", str(out)]) == 0
+    assert main(["train", "--resume", "--out", str(out)]) == 1
+    assert "wrapper 'gymnasium.wrappers:DelayObservation' is code" in capsys.readouterr().err
+    assert main(["train", "--resume", "--out", str(out), "--wrapper", LATE]) == 0
+    assert main(["train", "--resume", "--out", str(out), "--trust"]) == 0
     assert main(["list"]) == 0
 
 
@@ -176,6 +190,13 @@ def test_agents_train_and_fly_in_wrappers(tmp_path: Path, capsys: pytest.Capture
         ("tune pd", ["gymnasium.wrappers:DelayObservation"], ["failed: TypeError"]),
         ("train", ["{mine}:stacked"], ["shapes (40,) and (3,)", "--frame-stack"]),
         ("train", ["no_such_module:Thing"], ["can't be imported"]),
+        ("train", ["{mine}:Broken"], ["{mine}:Broken failed: KeyError"]),
+        ("train", ["{mine}:Skip"], ["a step of it takes the AUV to 0.1 s instead of 0.05 s"]),
+        ("train", ["gymnasium.wrappers:RepeatAction,num_repeats=2"], ["instead of 0.05 s"]),
+        ("train", ["gymnasium.wrappers.vector:DictInfoToList"], ["it makes infos a list; they must be a dict"]),
+        ("train", ["gymnasium.wrappers.vector:NormalizeObservation"], ["NormalizeObservation failed: "]),
+        ("train --env CartPole-v1", ["{mine}:Broken"], ["{mine}:Broken failed: KeyError"]),
+        ("record --force", ["{mine}:Skip"], ["instead of 0.05 s"]),
         ("train --env CartPole-v1", ["{mine}:push"], ["goes around vector environments"]),
         ("protocol --runs runs", ["no_such_module:Thing"], ["can't be imported"]),
         ("replay", ["no_such_module:Thing"], ["can't be imported"]),
@@ -195,8 +216,7 @@ def test_what_cannot_be_flown_is_refused_in_one_line(
     for word in words:
         assert word.replace("{mine}", module) in error.splitlines()[-1]
     assert "Traceback" not in error
-    if "Skip" not in wrapper[0] and "Broken" not in wrapper[0]:
-        assert sorted(path for path in tmp_path.glob("*") if path.name != "__pycache__") == before
+    assert sorted(path for path in tmp_path.glob("*") if path.name != "__pycache__") == before
 
 
 def test_pilots_that_are_watched_fly_in_wrappers() -> None:
@@ -210,6 +230,28 @@ def test_pilots_that_are_watched_fly_in_wrappers() -> None:
     flown = fly(POLICIES["pd"], RANDOM, [1], wrapping=wrapping([LATE]))
     np.testing.assert_array_equal(pilot.env.state()["pose"], flown.record.pose[20, 0])
     pilot.push((0.0, 100.0, 0.0), "")
+
+
+def test_pilots_refuse_steps_that_are_longer_now_and_then(module: str) -> None:
+    pytest.importorskip("pygame")
+    from uwoc_gym.agents.viewing.stage import Pilot
+
+    pilot = Pilot(POLICIES["pd"], RANDOM, (320, 180), (0, 0, 0), wrapping([f"{module}:Stumble"]))
+    pilot.reset(1, "")
+    pilot.step()
+    pilot.step()
+    with pytest.raises(CommandError, match=r"takes the AUV to 0\.2 s instead of 0\.15 s"):
+        pilot.step()
+
+
+def test_wrappers_learn_how_long_an_episode_is() -> None:
+    aware = wrapping(["gymnasium.wrappers:TimeAwareObservation,normalize_time=true"])
+    aware.check(RANDOM)
+    env = aware.fleet(RANDOM, 2)
+    seen, _ = env.reset(seed=[0, 1])
+    for _ in range(3):
+        seen, *_ = env.step(np.zeros((2, 3), dtype=np.float32))
+    assert seen[:, -1] == pytest.approx(3 / RANDOM.episode.steps)
 
 
 def test_errors_of_the_environment_itself_stay_what_they_are() -> None:

@@ -43,6 +43,9 @@ TAIL = """\
 - **`spec.max_episode_steps`** is the length of the episodes that an environment was made for (`TimeAwareObservation`
   and d3rlpy need it). It ends nothing by itself: `gymnasium.make` of an ID adds no `TimeLimit`, so that other durations
   and periods are flown in full. `gymnasium.make(env.spec)` does add one, of the recorded length.
+- **`vector.NormalizeObservation`** needs environments that begin anew in the next step (`NEXT_STEP`). It works with
+  `gymnasium.make_vec`, and as `--wrapper` of the commands that fly, but not in `TrackingVecEnv`, and so not in `train`:
+  there single environments' `NormalizeObservation`, Stable-Baselines3's `VecNormalize` or the setting `normalize` does.
 - Scenarios and ship's paths may be given as objects: an `EnvSpec` with one goes through JSON, and Minari recovers it.
 - Actions are continuous. Algorithms for actions that are counted fly it behind Gymnasium's `DiscretizeAction`.
 """

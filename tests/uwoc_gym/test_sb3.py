@@ -1,5 +1,7 @@
 """The Stable-Baselines3 environment."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -64,8 +66,10 @@ def test_methods_that_stable_baselines3_calls():
     assert states[0]["pose"].shape == (3,)
     assert env.get_attr("render_mode") == [None, None]
     assert env.env_is_wrapped(gym.Wrapper) == [False, False]
-    env.set_attr("note", 1)
-    assert env.get_attr("note") == [1, 1]
+    env.set_attr("note", [1])
+    assert env.get_attr("note") == [[1], [1]]
+    with pytest.raises(ValueError, match=r"set_attr\('scenario'\) is not allowed"):
+        env.set_attr("scenario", "Random")
     with pytest.raises(ValueError, match="leave out indices"):
         env.set_attr("note", 2, indices=0)
     env.close()
@@ -110,6 +114,7 @@ def test_some_are_shoved():
         env.env_method("push", (0.0, 600.0, 0.0))
     env.reset()
     assert env.env_method("push", (0.0, 600.0, 0.0), indices=[1]) == [None]
+    assert env.env_method("push", (0.0, 600.0, 0.0), indices=[]) == []
     sway = [each["velocity"][1] for each in env.env_method("state")]
     assert sway[0] == sway[2] == 0.0
     assert sway[1] > 0.0
@@ -183,6 +188,17 @@ def test_wrappers_may_change_spaces_and_are_refused_out_of_order():
         TrackingVecEnv("uwoc/Random-v0", 2, wrapper=[gym.wrappers.vector.FlattenObservation, gym.wrappers.TimeLimit])
     with pytest.raises(TypeError, match="must return the Env that it is given, wrapped"):
         TrackingVecEnv("uwoc/Random-v0", 2, wrapper=lambda env: None)
+    for bad in (3, [gym.wrappers.ClipAction, 3], "ClipAction", None):
+        with pytest.raises(ValueError, match=r"wrapper = .* is not allowed; it must take an environment"):
+            TrackingVecEnv("uwoc/Random-v0", 2, wrapper=bad)
+    with pytest.raises(TypeError, match="infos of type list; they must be a dict"):
+        TrackingVecEnv("uwoc/Random-v0", 2, wrapper=gym.wrappers.vector.DictInfoToList).reset()
+    with pytest.raises(ValueError, match=r"max_episode_steps = 2000 .* at most the scenario's 1200"):
+        TrackingVecEnv("uwoc/Random-v0", 2, wrapper=gym.wrappers.ClipAction, max_episode_steps=2000)
+    timed = partial(gym.wrappers.TimeAwareObservation, normalize_time=True)
+    aware = TrackingVecEnv("uwoc/Random-v0", 2, wrapper=timed, max_episode_steps=100)
+    aware.reset()
+    assert aware.step(np.zeros((2, 3), np.float32))[0][:, -1] == pytest.approx(1 / 100)
     single = TrackingVecEnv("uwoc/Random-v0", 2, wrapper=gym.wrappers.ClipAction)
     with pytest.raises(ValueError, match="must be one dict"):
         single.set_options([{"pose": (0.0, 1.0, 0.0)}, {"pose": (0.0, 2.0, 0.0)}])

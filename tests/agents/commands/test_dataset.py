@@ -127,6 +127,8 @@ def test_lost_episodes_end_where_the_link_is_lost() -> None:
         (["--replay", "nowhere"], ["--replay", "'nowhere' is not the folder of a training run"]),
         (["--replay", "nowhere", "--noise", "0.1"], ["--noise is not allowed beside --replay"]),
         (["--replay", "nowhere", "--override", SHORT], ["--override is not allowed beside --replay"]),
+        (["--replay", "nowhere", "--scenario", "Random"], ["--scenario is not allowed beside --replay"]),
+        (["--replay", "nowhere", "--seed", "1000"], ["--seed is not allowed beside --replay"]),
         (["--replay", "nowhere", "--policy", "pd"], ["not allowed with argument"]),
         ([], ["--policy", "--replay"]),
     ],
@@ -226,6 +228,19 @@ def test_only_runs_with_a_buffer_are_replayed(
     assert main(["dataset", "--replay", str(other), "--out", str(tmp_path / "a-v0")]) == 1
     assert "holds no checkpoint yet" in capsys.readouterr().err
     buffer = next(trained.glob("checkpoint-*/replay.npz"))
+    for more, words in (
+        ({"wrappers": [{"name": "no_such_module:Thing", "options": {}}]}, "was trained in wrappers"),
+        ({"settings": {**run["settings"], "residual": "no_such_module:thing"}}, "corrects a policy"),
+    ):
+        (other / "run.json").write_text(json.dumps(run | more))
+        assert main(["dataset", "--replay", str(other), "--out", str(tmp_path / "a-v0")]) == 1
+        assert words in capsys.readouterr().err
+    (other / "run.json").write_text(json.dumps(run | {"env": "no_such_module:Thing-v0"}))
+    assert main(["dataset", "--replay", str(other), "--out", str(tmp_path / "a-v0")]) == 1
+    assert "'no_such_module:Thing-v0' is code" in capsys.readouterr().err
+    assert main(["dataset", "--replay", str(other), "--trust", "--out", str(tmp_path / "a-v0")]) == 1
+    assert "No module named 'no_such_module'" in capsys.readouterr().err
+    (other / "run.json").write_text(json.dumps(run))
     damaged = other / "checkpoint-000001"
     damaged.mkdir()
     (damaged / "replay.npz").write_bytes(buffer.read_bytes()[:1000])

@@ -85,7 +85,9 @@ def test_what_will_be_done_is_said_before(
 ) -> None:
     out = tmp_path / "run"
     assert main(_command("ppo", out, "--eval-every", "100", steps=200)) == 0
-    said = capsys.readouterr().err.splitlines()
+    error = capsys.readouterr().err
+    assert "| 256/256 [" in error
+    said = error.splitlines()
     assert said[0] == (
         "uwoc-gym train: PPO on uwoc/Random-v0: 256 steps (200 asked for; they come in lots of 64), in 4 environments; "
         "3 validations of 2 episodes"

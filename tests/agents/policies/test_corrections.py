@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -227,8 +228,64 @@ def test_code_that_is_corrected_is_run_by_those_who_trust_it(
     assert main(["evaluate", str(out), "--seeds", "2", *BRIEF]) == 1
     assert "give --trust" in capsys.readouterr().err
     assert main(["evaluate", str(out), "--seeds", "2", "--trust", *BRIEF]) == 0
+    # Going on with a run runs nothing that only its file names.
+    monkeypatch.delitem(sys.modules, "law_of_mine")
+    assert main(["train", "--resume", "--out", str(out)]) == 1
+    assert "law_of_mine" not in sys.modules
+    assert "residual = 'law_of_mine:make' is code" in capsys.readouterr().err
+    for more in (["--trust"], ["--residual", "law_of_mine:make"], ["--set", "residual=law_of_mine:make"]):
+        assert main(["train", "--resume", "--out", str(out), *more]) == 0
+    above = tmp_path / "above"
+    assert main(["train", "--residual", str(out), *SMALL, *BRIEF, "--out", str(above)]) == 1
+    assert "give --trust" in capsys.readouterr().err
+    assert not above.exists()
+    assert main(["train", "--residual", str(out), "--trust", *SMALL, *BRIEF, "--out", str(above)]) == 0
+    assert not load(str(out), trust=True).deterministic
+    assert not load(str(above), trust=True).deterministic
     # Shipped agents are named.
     assert correction("ppo").told == {"policy": "ppo"}  # type: ignore[union-attr]
+
+
+class Fails:
+    """A policy that fails."""
+
+    def __init__(self, scenario: Scenario) -> None: ...
+
+    def predict(self, observation: Any, **_: Any) -> Any:
+        raise KeyError("no")
+
+
+class FailsLate(Fails):
+    """A policy that fails in the middle of an episode."""
+
+    def predict(self, observation: Any, state: Any = None, **_: Any) -> Any:
+        if state == 2:
+            raise KeyError("no")
+        return np.zeros((len(observation), 3), dtype=np.float32), (state or 0) + 1
+
+
+class FailsInFours(Fails):
+    """A policy that fails in four environments, as many as it is trained in."""
+
+    def predict(self, observation: Any, state: Any = None, **_: Any) -> Any:
+        if len(observation) == 4:
+            raise KeyError("no")
+        return np.zeros((len(observation), 3), dtype=np.float32), None
+
+
+@pytest.mark.parametrize("kind", [FailsLate, FailsInFours])
+def test_a_corrected_policy_that_fails_is_named(kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = f"{__name__}:{kind.__name__}"
+    assert main(["train", "--residual", given, *SMALL, *BRIEF, "--out", str(tmp_path / "run")]) == 1
+    error = capsys.readouterr().err
+    assert f"error: policy '{given}', which is corrected, failed: KeyError: 'no'" in error
+
+
+class Narrow(Fails):
+    """A policy of another number of actions."""
+
+    def predict(self, observation: Any, **_: Any) -> Any:
+        return np.zeros((len(observation), 2)), None
 
 
 @pytest.mark.parametrize(
@@ -238,6 +295,8 @@ def test_code_that_is_corrected_is_run_by_those_who_trust_it(
         ("missing.zip", ["residual = 'missing.zip'", "there is no such file"]),
         ("missing.json", ["missing.json", "can't be read"]),
         ("no_such_module:thing", ["can't be imported"]),
+        (f"{__name__}:Fails", ["policy '", "Fails' failed: KeyError: 'no'"]),
+        (f"{__name__}:Narrow", ["gave actions of shape (1, 2)"]),
     ],
 )
 def test_what_cannot_be_corrected_is_refused(
