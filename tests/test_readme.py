@@ -321,4 +321,6 @@ def test_the_first_table_is_what_the_benchmark_found() -> None:
     for name in ("ppo", "ppo-residual", "td3"):
         standings = cards.standings(scores, name)
         ahead, flown = len(standings["ahead"]), sum(map(len, standings.values()))
-        assert re.search(rf"`{name}` is ahead of `nlpd-tuned`\s+on\s+{ahead} of {flown}", " ".join(README.split())), name
+        assert re.search(rf"`{name}` is ahead of `nlpd-tuned`\s+on\s+{ahead} of {flown}", " ".join(README.split())), (
+            name
+        )

@@ -13,7 +13,7 @@ from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.protocol import GROUPS
-from uwoc_gym.agents.learning.seeds import HELD_OUT, RUNS
+from uwoc_gym.agents.learning.seeds import BATCH, HELD_OUT, RUNS
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
     add_wrapper_argument,
@@ -25,6 +25,7 @@ from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import comparison, figures, files
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.registry import ENV_IDS
+from uwoc_gym.scenario import SCENARIOS
 
 HELP = "train every group of agents from several seeds and compare them with the controllers on held-out seeds"
 EXAMPLES = """\
@@ -38,6 +39,15 @@ RIVALS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
 """The controllers that fly beside the groups."""
 
 
+def _like_random() -> list[str]:
+    """The IDs that show and take what `Random` does, in which the agents are trained."""
+
+    def interface(name: str) -> tuple[object, ...]:
+        return SCENARIOS[name].observation.entries, SCENARIOS[name].actions
+
+    return [env_id for env_id, name in ENV_IDS.items() if interface(name) == interface("Random")]
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument(
@@ -48,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--training-seeds", type=whole("seeds", low=0, high=RUNS), metavar="N",
         help="trainings of each group (default: the group's own, 10 or 3); 0 for controllers alone",
     )  # fmt: skip
-    add_scenario_arguments(parser, list(ENV_IDS), "what is flown: ", many=True)
+    add_scenario_arguments(parser, _like_random(), "what is flown: ", many=True)
     add_wrapper_argument(parser)
     parser.add_argument(
         "--seeds",
@@ -77,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
     scenarios = scenarios_of(args)
     around = wrapping_of(args)
-    check_flights([CONTROLLERS[name] for name in RIVALS], scenarios, min(args.seeds, protocol.BATCH), around)
+    check_flights([CONTROLLERS[name] for name in RIVALS], scenarios, min(args.seeds, BATCH), around)
     folder, runs = files.output_folder(args.out), files.output_folder(args.runs, "--runs")
     if args.ship:
         files.output_folder(args.ship, "--ship")
@@ -124,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     for name, by_policy in scores.items():
         returns = {policy: measures["return"] for policy, measures in by_policy.items()}
         if returns[comparison.REFERENCE].shape[1] > 1:
-            figures.profiles(folder / f"profile-{name}.png", name, returns, scenarios[name])
+            figures.profiles(folder / f"profile-{name}.png", name, returns, scenarios[name], around.plain())
     text = comparison.markdown(args.command_line, results)
     files.write_text(folder / "BENCHMARK.md", text)
     print(text, end="")

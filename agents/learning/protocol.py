@@ -21,6 +21,7 @@ from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints
 from uwoc_gym.agents.learning.plans import Job, Plan, Wish, planned, recorded_plan
+from uwoc_gym.agents.learning.seeds import BATCH
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
@@ -30,9 +31,6 @@ from uwoc_gym.given import as_number, shown
 from uwoc_gym.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
-
-BATCH = 200
-"""Episodes flown at a time."""
 
 
 @dataclass(frozen=True)

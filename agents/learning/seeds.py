@@ -13,6 +13,9 @@ ALL_VALIDATION = range(100_000, 200_000)
 VALIDATION = ALL_VALIDATION[:64]
 """Those that are flown unless other numbers are asked for."""
 
+BATCH = 200
+"""Episodes that are flown at a time."""
+
 SPAN = 1_000_000
 """How many seeds each training run has to itself."""
 

@@ -22,7 +22,7 @@ from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints, environments
 from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
 from uwoc_gym.agents.learning.progress import Progress, read_progress
-from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, training_seed
+from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, BATCH, training_seed
 from uwoc_gym.agents.learning.settings import constructor_arguments, written
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.agent import Agent, stack
@@ -38,9 +38,6 @@ from uwoc_gym.scenario import Scenario
 
 BASELINES = ("pd", "nlpd", "nlpd-tuned")
 """The controllers whose scores stand in the learning curve."""
-
-BATCH = 200
-"""Episodes of a validation that are flown at a time."""
 
 LINES = 24
 """How many differences between what is trained on and what is scored are shown."""

@@ -12,7 +12,7 @@ import numpy as np
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning.plans import Job, Wish
 from uwoc_gym.agents.learning.search import Dimension, Evaluate
-from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, VALIDATION, training_seed
+from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, BATCH, VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
 from uwoc_gym.agents.wrapping import PLAIN, Wrapping
 from uwoc_gym.baselines import Gains
@@ -93,10 +93,6 @@ def point_of(law: GainSet, box: Mapping[str, Dimension]) -> dict[str, float]:
         value = getattr(law, key) if isinstance(law, GuidanceGains) else getattr(law, name)[0 if axis == "xy" else 2]
         point[key] = min(max(float(value), each.low), each.high)
     return point
-
-
-BATCH = 200
-"""Episodes of a validation that are flown at a time."""
 
 
 def controller_score(scenario: Scenario, seed: int, episodes: int, wrapping: Wrapping = PLAIN) -> Evaluate:
