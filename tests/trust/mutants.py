@@ -133,7 +133,7 @@ TASK = (
     ),
     Fault(
         "effort", "effort is a mean over three actions, however many there are", "uwoc_gym/task/reward.py",
-        "(w.effort / world.scenario.actions)", "(w.effort / 3.0)", f"{_FLEET_TESTS} -k reward",
+        "(w.effort / world.scenario.actuators)", "(w.effort / 3.0)", f"{_FLEET_TESTS} -k reward",
     ),
     Fault(
         "lost-distance", "the link is lost by its range instead of its horizontal distance", "uwoc_gym/task/ending.py",
