@@ -156,7 +156,7 @@ TASK = (
     ),
     Fault(
         "action-clip", "the yaw moment isn't clipped", "uwoc_gym/task/action.py",
-        "b.action.yaw[j] = _clipped(numbers[3 * place + 2])", "b.action.yaw[j] = float(numbers[3 * place + 2])",
+        "can.yaws * _clipped(numbers[3 * place + 2])", "can.yaws * float(numbers[3 * place + 2])",
         f"{_AUV_TESTS} tests/uwoc_gym/test_env.py -k clipped",
     ),
 )  # fmt: skip
