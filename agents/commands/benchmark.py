@@ -136,10 +136,14 @@ def _pairs(
         check_flights(policies, scenarios, episodes, around)
         return dict.fromkeys(scenarios, policies)
     check_flights([], scenarios, episodes, around)
-    return {
-        name: [POLICIES[each] for each in _usual() if _can(POLICIES[each], name, scenario, around)]
+    usual = [POLICIES[name] for name in _usual()]
+    pairs = {
+        name: [policy for policy in usual if _can(policy, name, scenario, around)]
         for name, scenario in scenarios.items()
     }
+    # Where nobody can fly, the first says why.
+    check_flights(usual, {name: scenarios[name] for name, able in pairs.items() if not able}, 1, around)
+    return pairs
 
 
 def _usual() -> list[str]:

@@ -65,7 +65,7 @@ def test_a_bare_model_of_other_actions(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ({"action": "surge-yaw"}, "commands three forces"),
+        ({"observation": {"groups": ["velocity", "heading", "link"]}}, "needs the observation group 'ship'"),
         (
             {"observation": {"groups": ["ship", "velocity", "heading"]}},
             "needs the observation group 'ship-acceleration'",
