@@ -128,7 +128,7 @@ def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
 
 def _pairs(
     args: argparse.Namespace, scenarios: Mapping[str, Scenario], around: Wrapping
-) -> dict[str, Sequence[Policy]]:
+) -> Mapping[str, Sequence[Policy]]:
     """Who flies which scenario: all that are named, or else all that can."""
     episodes = min(args.batch, args.seeds)
     if args.policy is not None:
