@@ -44,6 +44,7 @@ class CurrentFilter:
     """
 
     needed = ("velocity", "heading", "last-action")
+    """The groups of observations that it learns from."""
 
     def __init__(self, scenario: Scenario, settings: CurrentFilterSettings | None = None) -> None:
         self.settings = settings or CurrentFilterSettings()

@@ -67,7 +67,11 @@ GUIDANCE: dict[str, GuidanceGains] = {
         sway_yields=7.433,
     ),
 }
-"""The named gain sets, found by `uwoc-gym tune los`: for Underactuated, which are the defaults, and for Tide."""
+"""The named gain sets: for Underactuated, which are the defaults, and for Tide.
+
+Each had the highest mean return on 48 training seeds of its world among some 600 points of a CMA-ES in the box that
+`uwoc-gym tune los` searches.
+"""
 
 
 class Guidance(Law):

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.baselines.current_filter import CurrentFilter
-from uwoc_gym.baselines.observers import CarriedFixes, Memory, Observer, as_seen, in_turn
+from uwoc_gym.baselines.observers import CarriedFixes, DeadReckoning, Memory, Observer, as_seen, in_turn
 from uwoc_gym.baselines.tracker import ShipTracker
 from uwoc_gym.given import SettingError
 from uwoc_gym.scenario import Scenario, as_scenario
@@ -40,7 +40,7 @@ class Law:
         chosen = as_scenario(scenario)
         groups = chosen.observation.groups
         is_late = chosen.observation.fixes and "ship" not in groups
-        for group, instead in needed.items():
+        for group, instead in {**needed, **(dict.fromkeys(DeadReckoning.needed, "") if is_late else {})}.items():
             if group not in groups and not (is_late and group in ("ship", "ship-acceleration")):
                 raise SettingError(
                     f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
@@ -90,7 +90,7 @@ class Law:
 
         Args:
             observation: Shape (size,) or (N, size), size 20 unless the scenario chooses other groups.
-            state: What the last call gave back, None at first. Only where the ship is known by fixes is it needed.
+            state: What the last call gave back, None at first. Without filters and late fixes it isn't needed.
             episode_start: Which of N episodes begin with the observation, (N,).
             deterministic: Not used: the law has no randomness.
 

@@ -75,6 +75,9 @@ class DeadReckoning:
         scenario: What is known of the scenario: its control period counts.
     """
 
+    needed = ("velocity", "heading")
+    """The groups of observations that it sums up."""
+
     def __init__(self, scenario: Scenario) -> None:
         self._period_s = scenario.episode.control_period_s
         self._kept = round(LIMIT * FIX_AGE_S / self._period_s) + 1

@@ -15,7 +15,7 @@ from uwoc_gym.agents.policies import archive, foreign
 from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.archive import Description, Normalisation, Source
-from uwoc_gym.baselines import Controller, Gains
+from uwoc_gym.baselines.controllers import gain_set, law
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
@@ -165,7 +165,7 @@ def _corrected(
     name: str, residual: Mapping[str, Any], agent: _Parts | None, find: Find, scenario: Scenario, trust: bool
 ) -> Predictor:
     if "gains" in residual:
-        return Controller(Gains(**residual["gains"]), scenario)
+        return law(gain_set(residual["gains"]), scenario)
     if agent is not None:
         return _built(f"{name}, {archive.CORRECTED}", agent, find, scenario, trust)
     told = residual["policy"]

@@ -79,4 +79,7 @@ def test_what_it_refuses() -> None:
     blind = Scenario().merged({"observation": {"groups": ["velocity", "heading"]}})
     with pytest.raises(SettingError, match="needs the observation group 'ship'"):
         Guidance(GuidanceGains(), blind)
+    lost = Scenario.named("LateFix").merged({"observation": {"groups": ["fix", "velocity", "link"]}})
+    with pytest.raises(SettingError, match="needs the observation group 'heading'"):
+        Guidance(GuidanceGains(), lost)
     assert unpack(observation()).yaw_error == 0.0

@@ -24,6 +24,7 @@ from uwoc_gym.agents.policies.corrections import correction
 from uwoc_gym.agents.policies.registry import GAINS_FILE, load
 from uwoc_gym.agents.policies.residual import ResidualAction, ResidualVectorAction
 from uwoc_gym.baselines import gains
+from uwoc_gym.baselines.guidance import Guidance, GuidanceGains
 from uwoc_gym.sb3 import TrackingVecEnv
 
 ID, STEPS = "uwoc/Random-v0", 7
@@ -205,6 +206,16 @@ def test_gains_files_and_folders_of_searches_are_corrected_and_fly(tmp_path: Pat
     pd = correction("paper-pd")
     assert pd is not None
     assert pd.told["gains"]["a_p"] == gains("pd").a_p
+
+
+def test_guidance_is_corrected_and_loads_with_its_gains(tmp_path: Path) -> None:
+    (tmp_path / "los.json").write_text(json.dumps({"crab": 0.25}))
+    out = tmp_path / "run"
+    assert main(["train", "--residual", str(tmp_path / "los.json"), *SMALL, *BRIEF, "--out", str(out)]) == 0
+    agent: Any = agents.load(str(out), SCENARIO)
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 20)).astype(np.float32)
+    wanted = Guidance(GuidanceGains(crab=0.25), SCENARIO).predict(seen)[0]
+    np.testing.assert_array_equal(agent.controller.predict(seen)[0], wanted)
 
 
 def test_code_that_is_corrected_is_run_by_those_who_trust_it(
