@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.baselines.kalman import Belief, belief, chosen, correct, matrix
+from uwoc_gym.baselines.kalman import Belief, belief, chosen, correct, matrix, predict
 from uwoc_gym.baselines.numbers import fixed
 from uwoc_gym.baselines.observers import Memory
 from uwoc_gym.parameters import Parameters
@@ -102,9 +102,7 @@ class CurrentFilter:
         noise = np.zeros((5, 5))
         noise[:3, :3] = np.diag(np.square(s.force * self._limits / self._vehicle.inertia)) * h
         noise[3:, 3:] = np.eye(2) * s.drift_mps**2 * h
-        ahead = Belief(
-            np.concatenate([moved, before.mean[:, 3:]], axis=1), step @ before.cov @ step.swapaxes(1, 2) + noise
-        )
+        ahead = predict(before, step, noise, np.concatenate([moved, before.mean[:, 3:]], axis=1))
         measured = np.zeros((lanes, 3, 5))
         measured[:, :3, :3] = np.eye(3)
         measured[:, :2, 3:] = self._turn(seen)

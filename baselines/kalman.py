@@ -24,6 +24,19 @@ def belief(mean: Sequence[npt.ArrayLike], deviations: Sequence[float], lanes: in
     return Belief(columns, np.tile(np.diag(np.square(deviations)), (lanes, 1, 1)))
 
 
+def predict(before: Belief, step: Array, noise: Array, mean: Array | None = None) -> Belief:
+    """Go on by a step.
+
+    Args:
+        before: What is believed.
+        step: The transition, (N, n, n), or its slope where it isn't linear.
+        noise: The covariance of what comes on top, (n, n) or (N, n, n).
+        mean: Where a transition that isn't linear leads, (N, n).
+    """
+    led = (step @ before.mean[..., None])[..., 0] if mean is None else mean
+    return Belief(led, step @ before.cov @ step.swapaxes(1, 2) + noise)
+
+
 def correct(before: Belief, innovation: Array, seen: Array, noise: Array) -> tuple[Belief, Array, Array]:
     """Take in a measurement, in Joseph's form.
 

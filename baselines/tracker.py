@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.baselines.kalman import Belief, belief, chosen, correct, matrix
+from uwoc_gym.baselines.kalman import Belief, belief, chosen, correct, matrix, predict
 from uwoc_gym.baselines.numbers import fixed
 from uwoc_gym.baselines.observers import DeadReckoning, Heard, Memory, completed, wrapped
 from uwoc_gym.parameters import Parameters
@@ -51,10 +51,6 @@ FLOOR = 1e-3
 
 _TURNING_RAD_S = 0.3
 """Deviation of the yaw rate before anything is known."""
-
-
-def _predict(belief: Belief, step: Array, noise: Array) -> Belief:
-    return Belief((step @ belief.mean[..., None])[..., 0], step @ belief.cov @ step.swapaxes(1, 2) + noise)
 
 
 def _along(yaw: Array, turn: Array) -> Array:
@@ -182,7 +178,7 @@ class ShipTracker:
         """
         s = self.settings
         time = np.maximum(ping_s - track.ping_s, 1e-3)
-        ahead = _predict(track.yaw, *_steady(time, s.turning_rad_s2))
+        ahead = predict(track.yaw, *_steady(time, s.turning_rad_s2))
         error = wrapped(ship[:, 2:] - ahead.mean[:, :1])
         yaw, _, _ = correct(ahead, error, np.eye(1, 2), np.array([[s.yaw_std_rad**2]]))
         turn = yaw.mean[:, 0] - track.yaw.mean[:, 0]
@@ -201,7 +197,7 @@ class ShipTracker:
             if size < 6:
                 # A heading that is wrong puts the ship beside its way.
                 noise[:, :2, :2] += blur * np.square(model.mean[:, 2] * time)[:, None, None]
-            before = _predict(model, step, noise)
+            before = predict(model, step, noise)
             innovation = ship[:, :2] - before.mean[:, :2]
             after, score, square = correct(before, innovation, np.eye(2, size), np.eye(2) * s.position_std_m**2)
             models.append(after)
