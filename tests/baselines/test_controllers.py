@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uwoc_gym import Scenario, SettingError
+from uwoc_gym import Scenario, SettingError, unpack
 from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
 from uwoc_gym.baselines.controller import gain
 from uwoc_gym.baselines.controllers import CONTROLLERS
@@ -320,3 +320,14 @@ def test_controllers_fly_the_gains_of_their_name():
 def test_former_names_of_gain_sets_are_known(former, name):
     assert gains(former) is GAINS[name]
     assert Controller(former).gain_sets == (GAINS[name],)
+
+
+def test_feedforward_is_against_the_water_that_a_filter_believes_in():
+    still = np.zeros(SIZE)
+    still[[2, 13]] = 1.0
+    seen = unpack(still, Scenario().observation)
+    law = PDController()
+    np.testing.assert_allclose(law.force_for(seen), 0.0, atol=1e-12)
+    # The ship and the AUV lie still in water that flows from ahead at 0.5 m/s.
+    held = law.force_for(seen._replace(water_velocity=np.array([-0.5, 0.0])))
+    np.testing.assert_allclose(held, [(70.0 + 100.0 * 0.5) * 0.5, 0.0, 0.0], atol=1e-9)

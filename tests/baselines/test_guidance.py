@@ -45,6 +45,14 @@ def test_the_pull_is_capped() -> None:
     assert far == pytest.approx(farther, rel=1e-6)
 
 
+def test_sway_gives_way_to_a_turn() -> None:
+    abeam = observation(ship_position_to_starboard=0.5)
+    pushes = [Guidance(GuidanceGains(sway_yields=each)).force(abeam)[1] for each in (0.0, 2.0, 50.0)]
+    assert pushes[0] > 1000.0
+    assert pushes[0] > 2.0 * pushes[1] > 0.0
+    assert abs(pushes[2]) < 1.0
+
+
 @SEEDS
 @given(seed=st.integers(0, 2**32 - 1))
 def test_port_and_starboard_are_alike(seed: int) -> None:
