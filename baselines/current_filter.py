@@ -51,20 +51,25 @@ class CurrentFilter:
         self._vehicle = scenario.vehicle.nominal()
         self._limits = self._vehicle.force_limits
         self._period_s = scenario.episode.control_period_s
+        own = self.settings
+        self._noise = np.zeros((5, 5))
+        self._noise[:3, :3] = np.diag(np.square(own.force * self._limits / self._vehicle.inertia)) * self._period_s
+        self._noise[3:, 3:] = np.eye(2) * own.drift_mps**2 * self._period_s
+        self._errors = np.diag([own.velocity_std_mps**2] * 2 + [own.yaw_rate_std_rad_s**2])
 
     def __call__(self, seen: Measured, memory: Memory, begun: npt.NDArray[np.bool_] | None) -> tuple[Measured, Memory]:
         """See `uwoc_gym.baselines.observers.Observer`."""
         known: Any = seen
-        lanes = len(known.velocity)
-        begins = np.ones(lanes, dtype=bool) if memory is None else begun
-        fresh = self.begin(known)
-        if memory is not None:
-            went = self.learn(Belief(*memory), known)[0]
-            fresh = Belief(*(chosen(begins, fresh, went) if begins is not None else went))
+        if memory is None:
+            believed = self.begin(known)
+        else:
+            believed, _ = self.learn(Belief(*memory), known)
+            if begun is not None and np.any(begun):
+                believed = Belief(*chosen(begun, self.begin(known), believed))
         cosine, sine = known.heading[:, 0], known.heading[:, 1]
-        x, y = fresh.mean[:, 3], fresh.mean[:, 4]
+        x, y = believed.mean[:, 3], believed.mean[:, 4]
         water = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=1)
-        return seen._replace(water_velocity=water), tuple(fresh)
+        return seen._replace(water_velocity=water), tuple(believed)
 
     def begin(self, seen: Any) -> Belief:
         """What is believed at the beginning of an episode."""
@@ -91,7 +96,7 @@ class CurrentFilter:
         Returns:
             What is believed now, and the innovation squared in its own covariance (NIS), (N,).
         """
-        s, h = self.settings, self._period_s
+        h = self._period_s
         lanes = len(before.mean)
         through = before.mean[:, :3]
         force = seen.last_action * self._limits
@@ -99,16 +104,12 @@ class CurrentFilter:
         moved = through + h * self._vehicle.acceleration(middle, force)
         step = np.tile(np.eye(5), (lanes, 1, 1))
         step[:, :3, :3] += h * self._slope(middle)
-        noise = np.zeros((5, 5))
-        noise[:3, :3] = np.diag(np.square(s.force * self._limits / self._vehicle.inertia)) * h
-        noise[3:, 3:] = np.eye(2) * s.drift_mps**2 * h
-        ahead = predict(before, step, noise, np.concatenate([moved, before.mean[:, 3:]], axis=1))
+        ahead = predict(before, step, self._noise, np.concatenate([moved, before.mean[:, 3:]], axis=1))
         measured = np.zeros((lanes, 3, 5))
         measured[:, :3, :3] = np.eye(3)
         measured[:, :2, 3:] = self._turn(seen)
         innovation = seen.velocity - (measured @ ahead.mean[..., None])[..., 0]
-        errors = np.diag([s.velocity_std_mps**2] * 2 + [s.yaw_rate_std_rad_s**2])
-        after, _, square = correct(ahead, innovation, measured, errors)
+        after, _, square = correct(ahead, innovation, measured, self._errors)
         return after, square
 
     @staticmethod
@@ -120,9 +121,7 @@ class CurrentFilter:
     def _slope(self, velocity: Array) -> Array:
         """How the acceleration changes with the velocity, (N, 3, 3), by differences."""
         small = 1e-4
-        columns = [
-            self._vehicle.acceleration(velocity + small * axis, np.zeros(3))
-            - self._vehicle.acceleration(velocity - small * axis, np.zeros(3))
-            for axis in np.eye(3)
-        ]
-        return np.stack(columns, axis=-1) / (2.0 * small)
+        aside = small * np.eye(3)[:, None]
+        ahead, behind = self._vehicle.acceleration(np.stack([velocity + aside, velocity - aside]), np.zeros(3))
+        slope: Array = np.moveaxis(ahead - behind, 0, -1) / (2.0 * small)
+        return slope
