@@ -127,7 +127,7 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
                 + (tables.code(json.dumps(practice)) + "." if practice else "nothing."),
                 "- It is the checkpoint, and of its group's trainings the one, with the best return on "
                 f"{best['episodes']} validation seeds: {statistics.text(best, 1)}. The seeds below are others.",
-                "- It takes the 20 observations and 3 actions of the `v0` IDs, at their control periods, and has only "
+                "- It takes the 20 observations and 3 actions of the IDs below, at their control periods, and has only "
                 "ever flown in this simulation.",
             ]
         ),
