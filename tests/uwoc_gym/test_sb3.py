@@ -21,6 +21,18 @@ INFO_NAMES = info_names(uwoc_gym.Scenario())
 STEPS = 17
 
 
+def assert_alike(got, want):
+    """Observations, rewards, ends and infos of two steps are the same."""
+    for k in range(3):
+        np.testing.assert_array_equal(got[k], want[k])
+    for info, expected in zip(got[3], want[3], strict=True):
+        assert {name: info[name] for name in INFO_NAMES} == {name: expected[name] for name in INFO_NAMES}
+        assert info.get("TimeLimit.truncated", False) == expected["TimeLimit.truncated"]
+        assert ("terminal_observation" in info) == ("terminal_observation" in expected)
+        if "terminal_observation" in info:
+            np.testing.assert_array_equal(info["terminal_observation"], expected["terminal_observation"])
+
+
 @pytest.mark.parametrize("env_id", ENV_IDS)
 def test_passes_stable_baselines3s_checker(env_id):
     check_env(gym.make(env_id))
@@ -36,15 +48,7 @@ def test_equals_stable_baselines3s_own_vector_environment():
     for _ in range(50):
         action = rng.uniform(-1, 1, (n, 3)).astype(np.float32)
         got, want = ours.step(action), theirs.step(action)
-        np.testing.assert_array_equal(got[0], want[0])
-        np.testing.assert_array_equal(got[1], want[1])
-        np.testing.assert_array_equal(got[2], want[2])
-        for info, expected in zip(got[3], want[3], strict=True):
-            assert {name: info[name] for name in INFO_NAMES} == {name: expected[name] for name in INFO_NAMES}
-            assert info.get("TimeLimit.truncated", False) == expected["TimeLimit.truncated"]
-            assert ("terminal_observation" in info) == ("terminal_observation" in expected)
-            if "terminal_observation" in info:
-                np.testing.assert_array_equal(info["terminal_observation"], expected["terminal_observation"])
+        assert_alike(got, want)
         assert ours.reset_infos[0].keys() == theirs.reset_infos[0].keys() - {"episode"}
 
 
@@ -159,14 +163,7 @@ def test_wrappers_of_both_kinds_equal_stable_baselines3s_own_loop(wrapper):
     for _ in range(50):
         action = rng.uniform(-1, 1, (n, 3)).astype(np.float32)
         got, want = ours.step(action), theirs.step(action)
-        for k in range(3):
-            np.testing.assert_array_equal(got[k], want[k])
-        for info, expected in zip(got[3], want[3], strict=True):
-            assert {name: info[name] for name in INFO_NAMES} == {name: expected[name] for name in INFO_NAMES}
-            assert info.get("TimeLimit.truncated", False) == expected["TimeLimit.truncated"]
-            assert ("terminal_observation" in info) == ("terminal_observation" in expected)
-            if "terminal_observation" in info:
-                np.testing.assert_array_equal(info["terminal_observation"], expected["terminal_observation"])
+        assert_alike(got, want)
     each = wrapper is not DelayAll
     assert ours.env_is_wrapped(gym.wrappers.DelayObservation) == [each] * n
     assert ours.get_attr("scenario") == [ours.scenario] * n
