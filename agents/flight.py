@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.agents.wrapping import PLAIN, Wrapping
+from uwoc_gym.agents.policies.registry import load
+from uwoc_gym.agents.work import take_one_thread
+from uwoc_gym.agents.wrapping import PLAIN, Wrapping, wrapping
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.given import LIMITS
-from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics
+from uwoc_gym.metrics import EpisodeMetrics, EpisodeRecord, episode_metrics, losses, phases
 from uwoc_gym.scenario import Scenario
-from uwoc_gym.wrapping import parameters_of, state_of
+from uwoc_gym.sim.layout import varying
+from uwoc_gym.world.sea.pulses import pulse_times
+from uwoc_gym.wrapping import parameters_of, state_of, terms_of
 
 Array = npt.NDArray[np.float64]
 
@@ -51,16 +56,24 @@ class Flight:
     seeds: tuple[int, ...]
     metrics: EpisodeMetrics
     record: EpisodeRecord
+    losses: dict[str, Array]
+    """What the episodes lack of the highest return, by `metrics.losses`, each of shape (N,)."""
+    drawn: dict[str, npt.NDArray[Any]]
+    """What they have drawn, by its path, as `TrackingVectorEnv.parameters` gives it."""
     series: Series
     """The first episode."""
     extra: dict[str, Array]
     """Further entries of the true state that were asked for, each of shape (T + 1, N, ...)."""
 
+    def rows(self) -> list[dict[str, float]]:
+        """One dict per episode: its measures, and what it lacks."""
+        lacking = [dict(zip(self.losses, row, strict=True)) for row in np.transpose([*self.losses.values()]).tolist()]
+        return [own | more for own, more in zip(self.metrics.rows(), lacking, strict=True)]
 
-def _disturbances(parameters: dict[str, Array], size: int) -> Array:
-    """When the first pulse of each simulation begins [s]; nan where there is none."""
-    starts = [values for path, values in parameters.items() if path.startswith("sea.pulses") and "start_s" in path]
-    return np.min(starts, axis=0) if starts else np.full(size, math.nan)
+
+def possible(scenario: Scenario) -> float:
+    """The highest return that an episode can have."""
+    return scenario.episode.steps * scenario.reward.bounds[1]
 
 
 def check_size(scenario: Scenario, episodes: int) -> None:
@@ -124,19 +137,21 @@ def fly(
     """
     size, steps = len(seeds), scenario.episode.steps
     check_size(scenario, size)
-    predictor = policy.pilot(scenario)
     # After its end a simulation begins anew, which is ignored: the others still need their steps.
     env = wrapping.fleet(scenario, size)
+    predictor = policy.pilot(scenario, env)
     with wrapping.blamed():
         observations, _ = env.reset(seed=list(seeds), options={"parameters": parameters})  # type: ignore[arg-type]
-    state = state_of(env)
+    state, drawn = state_of(env), parameters_of(env)
     width = math.prod(env.single_action_space.shape or ())
     tracks = {name: np.zeros((steps + 1, *state[name].shape), state[name].dtype) for name in (*_RECORDED, *extra)}
     first = {name: np.zeros(steps + 1) for name in ("range_m", "pointing_error_rad")}
     force, reward = np.zeros((steps, size, 3)), np.zeros((steps, size))
+    terms = {name: np.zeros((steps, size)) for name in scenario.reward.highest}
     valid = np.zeros((steps + 1, size), dtype=bool)
     alive, lost, begun = np.ones(size, dtype=bool), np.zeros(size, dtype=bool), np.ones(size, dtype=bool)
-    disturbance = _disturbances(parameters_of(env), size)
+    pulses = pulse_times(drawn)
+    disturbance = np.min([begin for begin, _ in pulses], axis=0) if pulses else np.full(size, math.nan)
     slant, depth = float(state["slant_height_m"][0]), float(state["depth_m"][0])
     rewards, terminated, truncated = np.zeros(size), np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
     memory: Any = None
@@ -149,6 +164,8 @@ def fly(
         if step > 0:
             force[step - 1] = state["force"]
             reward[step - 1] = rewards
+            for name, term in terms_of(env).items():
+                terms[name][step - 1] = term
             lost |= alive & terminated
             alive = alive & ~(terminated | truncated)
         if step == steps or not alive.any():
@@ -173,6 +190,7 @@ def fly(
         disturbance_s=disturbance,
         force_limits=scenario.vehicle.force_limits,
     )
+    parts = phases(record.time_s, record.in_cone, pulses, valid)
     own = valid[:, 0]
     series = Series(
         time_s=record.time_s[own],
@@ -189,9 +207,100 @@ def fly(
         seeds=tuple(seeds),
         metrics=episode_metrics(record),
         record=record,
+        losses=losses(terms, scenario.reward.highest, parts, valid),
+        drawn=drawn,
         series=series,
         extra={name: tracks[name] for name in extra},
     )
+
+
+class Flown(NamedTuple):
+    """What a process tells of episodes that it has flown."""
+
+    rows: list[dict[str, float]]
+    """The measures of each, and what it lacks."""
+    drawn: list[dict[str, float | str]]
+    """What each has drawn, by its path, of what differs from episode to episode and belongs to it."""
+    series: Series
+    """The first."""
+    seconds: float
+    """How long the flight took."""
+
+
+def flown(policy: str, trust: bool, wrapper: Sequence[str], scenario: Scenario, seeds: Sequence[int]) -> Flown:
+    """Fly one episode per seed, all said in words that another process understands.
+
+    Args:
+        policy: As `load` takes it.
+        trust: Whether what its file holds or names may be run.
+        wrapper: What goes around the environments.
+        scenario: What is flown.
+        seeds: Seeds of the episodes.
+
+    Raises:
+        CommandError: As of `load`, `wrapping` and `fly`.
+    """
+    own, around = load(policy, trust), wrapping(wrapper)
+    # What it imports doesn't belong to the flight's time.
+    own.pilot(scenario)
+    take_one_thread()
+    begun = time.perf_counter()
+    flight = fly(own, scenario, seeds, wrapping=around)
+    seconds = time.perf_counter() - begun
+    paths = varying(scenario)
+    values = zip(*(flight.drawn[path].tolist() for path in paths), strict=True)
+    drawn = [dict(zip(paths, row, strict=True)) for row in values] if paths else [{} for _ in seeds]
+    return Flown(
+        flight.rows(),
+        [{path: value for path, value in row.items() if value == value and value != ""} for row in drawn],
+        flight.series,
+        seconds,
+    )
+
+
+def decision_time(policy: str, trust: bool, wrapper: Sequence[str], scenario: Scenario, seeds: Sequence[int]) -> float:
+    """Microseconds that a policy takes for a decision on one observation: the mean over the first of an episode.
+
+    A planner doesn't think at each of them, so that a median would say how long it takes to do nothing. The very first
+    ones, which compile and load, don't count.
+
+    Args:
+        policy: As `load` takes it.
+        trust: Whether what its file holds or names may be run.
+        wrapper: What goes around the environments.
+        scenario: What is flown.
+        seeds: The episode's seed.
+    """
+    own, around = load(policy, trust), wrapping(wrapper)
+    env = around.fleet(scenario, 1)
+    predictor = own.pilot(scenario, env)
+    take_one_thread()
+    width = math.prod(env.single_action_space.shape or ())
+    observations, _ = env.reset(seed=list(seeds))  # type: ignore[arg-type]
+    memory: Any = None
+    begun, times = np.ones(1, dtype=bool), list[float]()
+    while len(times) < _LEAST or (len(times) < _DECISIONS and sum(times) < _LONGEST_S):
+        at = time.perf_counter()
+        actions, memory = decide(own, predictor, observations, memory, begun, width)
+        times.append(time.perf_counter() - at)
+        observations, _, terminated, truncated, _ = env.step(actions)
+        begun = terminated | truncated
+    env.close()
+    counted = times[min(_FIRST, len(times) // 2) :]
+    return 1e6 * sum(counted) / len(counted)
+
+
+_DECISIONS = 120
+"""How many decisions are timed."""
+
+_LEAST = 10
+"""How many at least."""
+
+_FIRST = 20
+"""How many of the first don't count."""
+
+_LONGEST_S = 2.0
+"""How long they are timed for beyond that [s]."""
 
 
 def check_followed(

@@ -36,15 +36,25 @@ def _handling(numbers: tuple[int, ...], handle: object) -> Iterator[None]:
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """Let SIGTERM raise KeyboardInterrupt, as Ctrl-C does."""
+    """Let SIGTERM raise KeyboardInterrupt, as Ctrl-C does; see `check`."""
     _received.clear()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         _received.append(number)
         raise KeyboardInterrupt
 
-    with _handling((signal.SIGTERM,), interrupt):
+    with _handling((signal.SIGINT, signal.SIGTERM), interrupt):
         yield
+
+
+def check() -> None:
+    """Raise KeyboardInterrupt if one was asked for and got lost, as it may in what others do while they are imported.
+
+    Raises:
+        KeyboardInterrupt: It was.
+    """
+    if _received:
+        raise KeyboardInterrupt
 
 
 @contextmanager

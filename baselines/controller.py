@@ -91,27 +91,8 @@ class Controller(Law):
         pull = gain(error, g["a_p"], g["b_p"], g["mu_p"]) * error + gain(drift, g["a_v"], g["b_v"], g["mu_v"]) * drift
         tau = _turn(pull, cosine, -sine)
         if self._informed.any():
-            tau = tau + np.where(self._informed, self._feedforward(seen), 0.0)
+            tau = tau + np.where(self._informed, self.feedforward(seen), 0.0)
         return tau
-
-    def _feedforward(self, seen: Any) -> Array:
-        """The model's force along the ship's path: M a − M r S w + C(ν) w + D(ν) w, all in the body frame.
-
-        That is Rᵀ [M(η) η̈_ref + C(ν,η) η̇_ref + D(ν,η) η̇_ref], with the ship's acceleration a and velocity w as seen
-        from the body and S w = (−w₂, w₁, 0). The term in S comes from Rᵀ Ṙ = r S.
-        """
-        velocity = seen.velocity
-        ship = velocity + seen.relative_velocity
-        rate = velocity[..., 2]
-        turning = np.stack([-rate * ship[..., 1], rate * ship[..., 0], np.zeros_like(rate)], axis=-1)
-        if seen.water_velocity is not None:
-            # Only what moves through the water is held back by it.
-            water = np.concatenate([seen.water_velocity, np.zeros_like(rate)[..., None]], axis=-1)
-            velocity, ship = velocity - water, ship - water
-        model = self.vehicle
-        resistance = model.coriolis_force(velocity, ship) + model.damping(velocity) * ship
-        result: Array = self._inertia * (seen.ship_acceleration - turning) + resistance
-        return result
 
 
 class NLPDController(Controller):

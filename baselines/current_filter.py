@@ -103,7 +103,7 @@ class CurrentFilter:
         middle = through + 0.5 * h * self._vehicle.acceleration(through, force)
         moved = through + h * self._vehicle.acceleration(middle, force)
         step = np.tile(np.eye(5), (lanes, 1, 1))
-        step[:, :3, :3] += h * self._slope(middle)
+        step[:, :3, :3] += h * self._vehicle.velocity_slope(middle)
         ahead = predict(before, step, self._noise, np.concatenate([moved, before.mean[:, 3:]], axis=1))
         measured = np.zeros((lanes, 3, 5))
         measured[:, :3, :3] = np.eye(3)
@@ -117,11 +117,3 @@ class CurrentFilter:
         """From the earth frame to the body's, (N, 2, 2)."""
         cosine, sine = seen.heading[:, 0], seen.heading[:, 1]
         return matrix([[cosine, sine], [-sine, cosine]], len(cosine))
-
-    def _slope(self, velocity: Array) -> Array:
-        """How the acceleration changes with the velocity, (N, 3, 3), by differences."""
-        small = 1e-4
-        aside = small * np.eye(3)[:, None]
-        ahead, behind = self._vehicle.acceleration(np.stack([velocity + aside, velocity - aside]), np.zeros(3))
-        slope: Array = np.moveaxis(ahead - behind, 0, -1) / (2.0 * small)
-        return slope

@@ -14,7 +14,7 @@ from uwoc_gym.baselines.tracker import ShipTracker
 from uwoc_gym.given import SettingError
 from uwoc_gym.scenario import Scenario, as_scenario
 from uwoc_gym.task.action import AXES
-from uwoc_gym.task.observation import Measured, unpack
+from uwoc_gym.task.observation import Measured, ObservationSettings, unpack
 
 Array = npt.NDArray[np.float64]
 
@@ -38,24 +38,12 @@ class Law:
 
     def __init__(self, scenario: str | Scenario, filtered: bool, needed: Mapping[str, str]) -> None:
         chosen = as_scenario(scenario)
-        groups = chosen.observation.groups
-        is_late = chosen.observation.fixes and "ship" not in groups
-        for group, instead in {**needed, **(dict.fromkeys(DeadReckoning.needed, "") if is_late else {})}.items():
-            if group not in groups and not (is_late and group in ("ship", "ship-acceleration")):
-                raise SettingError(
-                    f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
-                    f"it{instead}."
-                )
         self.vehicle = chosen.vehicle.nominal()
         self.force_limits = self.vehicle.force_limits
         self.observation_settings = chosen.observation
         self._inertia = self.vehicle.inertia
         self._axes = list(AXES[chosen.action])
-        self._observe: Observer = as_seen
-        if is_late:
-            self._observe = ShipTracker(chosen) if filtered else CarriedFixes(chosen)
-        if filtered and all(group in groups for group in CurrentFilter.needed):
-            self._observe = in_turn(self._observe, CurrentFilter(chosen))
+        self._observe = observer(chosen, filtered, needed)
 
     def force_for(self, seen: Measured) -> Array:
         """The force that the law asks for, before the actuators' limits.
@@ -67,6 +55,31 @@ class Law:
             Surge force [N], sway force [N] and yaw moment [N m] in the AUV's body frame, float64 of shape (..., 3).
         """
         raise NotImplementedError
+
+    def feedforward(self, seen: Any) -> Array:
+        """The model's force along the ship's path: M a − M r S w + C(ν) w + D(ν) w, all in the body frame.
+
+        That is Rᵀ [M(η) η̈_ref + C(ν,η) η̇_ref + D(ν,η) η̇_ref], with the ship's acceleration a and velocity w as seen
+        from the body and S w = (−w₂, w₁, 0). The term in S comes from Rᵀ Ṙ = r S.
+        """
+        velocity = seen.velocity
+        ship = velocity + seen.relative_velocity
+        rate = velocity[..., 2]
+        turning = np.stack([-rate * ship[..., 1], rate * ship[..., 0], np.zeros_like(rate)], axis=-1)
+        if seen.water_velocity is not None:
+            # Only what moves through the water is held back by it.
+            water = np.concatenate([seen.water_velocity, np.zeros_like(rate)[..., None]], axis=-1)
+            velocity, ship = velocity - water, ship - water
+        model = self.vehicle
+        resistance = model.coriolis_force(velocity, ship) + model.damping(velocity) * ship
+        result: Array = self._inertia * (seen.ship_acceleration - turning) + resistance
+        return result
+
+    def action(self, seen: Measured) -> npt.NDArray[np.float32]:
+        """The force for what N observations say over the limits, float32 in [-1, 1] of shape (N, actions)."""
+        force, limits = self.force_for(seen)[:, self._axes], self.force_limits[self._axes]
+        share = np.divide(force, limits, out=np.zeros_like(force), where=limits > 0.0)
+        return np.clip(share, -1.0, 1.0).astype(np.float32, order="C")
 
     def force(self, observation: npt.ArrayLike) -> Array:
         """The force that the law asks for where the ship is observed at all times; see `force_for`.
@@ -101,15 +114,44 @@ class Law:
         Raises:
             ValueError: The observation has another shape.
         """
-        obs = np.asarray(observation)
-        if obs.ndim not in (1, 2):
-            size = self.observation_settings.size
-            raise ValueError(f"observation has shape {obs.shape}; it must be ({size},) or (N, {size}).")
-        seen, state = self._observe(unpack(np.atleast_2d(obs), self.observation_settings), state, episode_start)
-        force, limits = self.force_for(seen)[:, self._axes], self.force_limits[self._axes]
-        share = np.divide(force, limits, out=np.zeros_like(force), where=limits > 0.0)
-        action = np.clip(share, -1.0, 1.0).astype(np.float32)
-        return (action[0] if obs.ndim == 1 else action), state
+        batch = batch_of(observation, self.observation_settings)
+        seen, state = self._observe(unpack(batch, self.observation_settings), state, episode_start)
+        action = self.action(seen)
+        return (action[0] if np.ndim(observation) == 1 else action), state
+
+
+def observer(scenario: Scenario, filtered: bool, needed: Mapping[str, str]) -> Observer:
+    """What stands between the observations of a scenario and a policy that flies on `Measured`; see `Law`.
+
+    Raises:
+        SettingError: The scenario's observations leave out what is needed.
+    """
+    groups = scenario.observation.groups
+    is_late = scenario.observation.fixes and "ship" not in groups
+    for group, instead in {**needed, **(dict.fromkeys(DeadReckoning.needed, "") if is_late else {})}.items():
+        if group not in groups and not (is_late and group in ("ship", "ship-acceleration")):
+            raise SettingError(
+                f"The law needs the observation group {group!r}, which the scenario leaves out; choose groups with "
+                f"it{instead}."
+            )
+    found: Observer = as_seen
+    if is_late:
+        found = ShipTracker(scenario) if filtered else CarriedFixes(scenario)
+    if filtered and all(group in groups for group in CurrentFilter.needed):
+        found = in_turn(found, CurrentFilter(scenario))
+    return found
+
+
+def batch_of(observation: npt.ArrayLike, settings: ObservationSettings) -> npt.NDArray[Any]:
+    """One observation or N as N of them.
+
+    Raises:
+        ValueError: The observation has another shape.
+    """
+    given = np.asarray(observation)
+    if given.ndim not in (1, 2):
+        raise ValueError(f"observation has shape {given.shape}; it must be ({settings.size},) or (N, {settings.size}).")
+    return np.atleast_2d(given)
 
 
 def several(given: Any) -> Sequence[Any]:

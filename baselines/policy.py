@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,15 @@ class Predictor(Protocol):
         ...
 
 
+@runtime_checkable
+class Onlooker(Protocol):
+    """A predictor that decides on true states: a yardstick, which isn't flown on observations."""
+
+    def watch(self, env: Any) -> None:
+        """Be given the environment, single or vector, whose observations are decided on from now on."""
+        ...
+
+
 @dataclass(frozen=True)
 class Policy:
     """A policy that can be flown through any scenario."""
@@ -35,10 +44,20 @@ class Policy:
     """Whether the same observations always give the same actions."""
     needs: tuple[str, ...] = ()
     """Optional modules without which it can't fly."""
+    slow: bool = False
+    """Whether it thinks so long that it flies only where it is named."""
 
-    def pilot(self, scenario: Scenario) -> Predictor:
-        """The policy for a scenario, made without knowing what the scenario draws or does to it."""
-        return self.make(scenario.known())
+    def pilot(self, scenario: Scenario, env: Any = None) -> Predictor:
+        """The policy for a scenario, made without knowing what the scenario draws or does to it.
+
+        Args:
+            scenario: The scenario.
+            env: What is flown, which only an `Onlooker` is given.
+        """
+        made = self.make(scenario.known())
+        if env is not None and isinstance(made, Onlooker):
+            made.watch(env.unwrapped)
+        return made
 
     def installed(self) -> bool:
         """Whether all that it needs is installed."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import re
@@ -11,6 +12,9 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from uwoc_gym import metrics
+from uwoc_gym.agents.cli import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -36,6 +40,26 @@ def test_what_is_wrapped_flies_as_its_page_says(tmp_path: Path) -> None:
     subprocess.check_output([*command, *scenario], cwd=tmp_path, text=True, timeout=300)
     results = json.loads((tmp_path / "out/results.json").read_text(encoding="utf-8"))
     assert results["settings"]["wrappers"] == [{"name": "mine:blurred", "options": {"std": 0.1}}]
+
+
+def test_the_tables_page_finds_the_episodes_that_are_lost(tmp_path: Path) -> None:
+    page = (DOCS / "tables.md").read_text(encoding="utf-8")
+    command, *others = re.findall(r"^uwoc-gym (.*)$", page, re.MULTILINE)
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    subprocess.check_output([sys.executable, "-m", "uwoc_gym_command", *command.split()], cwd=tmp_path, timeout=600)
+    printed = subprocess.check_output([sys.executable, "-c", code], cwd=tmp_path, text=True, timeout=300)
+    assert printed.strip() in re.findall(r"^prints `(.*?)`", page, re.MULTILINE)
+    table = (tmp_path / "results/table.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^\| (loss(?:: \w+)?|median|worst 5 %|below half) \|", page, re.MULTILINE)
+    assert len(headings) == 7
+    for heading in headings:
+        assert f"| {heading} " in table
+    assert f"less than {metrics.AFTERMATH_S:g} s after" in page
+    for other in others:
+        name, *words = other.split()
+        parser = argparse.ArgumentParser()
+        COMMANDS[name].add_arguments(parser)
+        assert parser.parse_args(words).scenario
 
 
 def _changed(text: str, change: str) -> str:

@@ -328,6 +328,10 @@ class TrackingEnv(Described, gym.Env[Observation, Observation]):
         """
         return one_of(self._fleet.state(), 0)
 
+    def terms(self) -> dict[str, Any]:
+        """The terms of the last step's reward by name, weighted, as `info` has them as ``reward_<name>``."""
+        return one_of(self._fleet.terms(), 0)
+
     def parameters(self) -> dict[str, Any]:
         """What the present episode has drawn for each number and choice of the scenario, by its path.
 

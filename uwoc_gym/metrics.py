@@ -8,6 +8,7 @@ early end are marked by ``valid``, bool of shape (T + 1, ...), by default True e
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -232,6 +233,86 @@ def effort(force: npt.ArrayLike, force_limits: npt.ArrayLike, valid: npt.ArrayLi
     belongs = np.ones_like(share, dtype=bool) if valid is None else np.asarray(valid, dtype=bool)[1:]
     result: Array = np.sqrt(_sum(np.where(belongs, share, 0.0)) / np.maximum(belongs.sum(axis=0), 1))
     return result
+
+
+PARTS = ("arrival", "disturbances", "rest")
+"""The parts of an episode, as `phases` tells them."""
+
+AFTERMATH_S = 3.0
+"""How long after its end a pulse is still what the return is lost to [s]: a tuned law is back in less."""
+
+
+def phases(
+    time_s: npt.ArrayLike,
+    in_cone: npt.ArrayLike,
+    pulses_s: Sequence[tuple[npt.ArrayLike, npt.ArrayLike]] = (),
+    valid: npt.ArrayLike | None = None,
+) -> dict[str, Mask]:
+    """Which control periods belong to which part of an episode, by what a loss in them is due to.
+
+    * ``arrival``: those that end before the AUV has been inside the cone; all of them if it never is.
+    * ``disturbances``: of the others, those in which a pulse acts, those that begin less than `AFTERMATH_S` after its
+      end, and then those up to the one that ends inside the cone: an outage that a pulse leaves behind counts until it
+      is over.
+    * ``rest``: all others.
+
+    What a lost episode didn't fly belongs to the part in which it was lost.
+
+    Args:
+        time_s: Time of the samples, (T + 1,) [s].
+        in_cone: Whether the AUV is inside the cone, (T + 1, ...).
+        pulses_s: Beginning and end of each pulse, numbers or of shape (...) [s].
+        valid: Which samples belong to the episode.
+
+    Returns:
+        By name, shape (T, ...); exactly one of them is True in each period.
+    """
+    time = np.asarray(time_s, dtype=float)
+    inside, belongs = _inside(in_cone, valid)
+    column = time.reshape((-1,) + (1,) * (inside.ndim - 1))
+    begins, ends = column[:-1], column[1:]
+    acts = np.zeros(inside[1:].shape, dtype=bool)
+    for first, last in pulses_s:
+        # Half a nanosecond: sample times are multiples of the control period with rounding errors.
+        acts |= (ends > np.asarray(first) + 5e-10) & (begins < np.asarray(last) + AFTERMATH_S - 5e-10)
+    arrived = np.logical_or.accumulate(inside, axis=0)[1:]
+    disturbed = acts & arrived
+    for i in range(1, len(disturbed)):
+        disturbed[i] |= disturbed[i - 1] & ~inside[i] & belongs[i]
+    found = dict(zip(PARTS, (~arrived, disturbed, arrived & ~disturbed), strict=True))
+    flown = belongs[1:]
+    last = np.maximum(flown.sum(axis=0) - 1, 0)[None]
+    return {name: np.where(flown, mask, np.take_along_axis(mask, last, axis=0)) for name, mask in found.items()}
+
+
+def losses(
+    terms: Mapping[str, npt.ArrayLike],
+    highest: Mapping[str, float],
+    parts: Mapping[str, npt.ArrayLike],
+    valid: npt.ArrayLike,
+) -> dict[str, Array]:
+    """What episodes lack of the highest return, in all, by part of the episode and by term of the reward.
+
+    What a lost episode didn't fly is lost altogether.
+
+    Args:
+        terms: The reward's terms of each period, (T, N).
+        highest: The most that a period can bring of each.
+        parts: Which periods belong to which part, (T, N), as `phases` gives them.
+        valid: Which samples belong to the episode, (T + 1, N).
+
+    Returns:
+        ``loss``, and ``loss_<name>`` for each part and each term, (N,). The parts add up to the loss, and so do the
+        terms.
+    """
+    flown = np.asarray(valid, dtype=bool)[1:]
+    lacking = {name: highest[name] - np.where(flown, own, 0.0) for name, own in terms.items()}
+    periods = np.sum(list(lacking.values()), axis=0)
+    return {
+        "loss": _sum(periods),
+        **{f"loss_{name}": _sum(np.where(mask, periods, 0.0)) for name, mask in parts.items()},
+        **{f"loss_{name}": _sum(own) for name, own in lacking.items()},
+    }
 
 
 def episode_metrics(record: EpisodeRecord) -> EpisodeMetrics:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -177,20 +178,21 @@ class Scenario(Parameters):
         unknown: it is `CarriedOnPath`, at rest until `Fleet.believe` says otherwise.
 
         Args:
-            integration_step_s: A coarser integration step, for planning [s]; by default the scenario's, or a finer one
-                that the nominal model needs.
+            integration_step_s: Another integration step, for planning [s], infinite for the coarsest in which the
+                integrator follows the nominal model; by default the scenario's, or a finer one that this needs.
 
         Raises:
             SettingError: The control period isn't a whole multiple of the step, or the integrator can't follow the
                 nominal model in such steps.
         """
         vehicle = self.vehicle.nominal()
-        if integration_step_s is None:
+        wanted = self.episode.integration_step_s if integration_step_s is None else integration_step_s
+        if integration_step_s is None or integration_step_s == math.inf:
+            wanted = min(wanted, self.episode.control_period_s)
             motion = Motion(vehicle, vehicle.force_limits, self.start.fastest, self.episode.duration_s)
             longest = motion.longest_step(motion.rate)
-            integration_step_s = self.episode.integration_step_s
-            if integration_step_s > longest * (1.0 + 1e-9):
-                integration_step_s = self.episode.step_within(longest)
+            if wanted > longest * (1.0 + 1e-9):
+                wanted = self.episode.step_within(longest)
         return replace(
             self.midpoint(),
             vehicle=vehicle,
@@ -198,7 +200,7 @@ class Scenario(Parameters):
             sea=Sea(),
             sensors=Sensors(),
             fixes=self.midpoint().fixes.exact(),
-            episode=self.episode.merged({"integration_step_s": integration_step_s}),
+            episode=self.episode.merged({"integration_step_s": wanted}),
         )
 
     def to_json(self) -> str:

@@ -287,6 +287,10 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """The true states by name, as in `TrackingEnv.state`, each with a first axis of length N."""
         return self._fleet.state()
 
+    def terms(self) -> dict[str, npt.NDArray[Any]]:
+        """The terms of the last step's reward by name, as in `TrackingEnv.terms`, each of shape (N,)."""
+        return dict(self._fleet.terms())
+
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
         """What the present episodes have drawn, by its path, as in `TrackingEnv.parameters`, each of shape (N,)."""
         return self._fleet.drawn()
@@ -310,7 +314,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         """What each environment gives for a name of `TrackingEnv`, as of Gymnasium's own vector environments.
 
         Args:
-            name: ``state``, ``parameters``, ``push``, ``snapshot`` or ``render``, or an attribute.
+            name: ``state``, ``terms``, ``parameters``, ``push``, ``snapshot`` or ``render``, or an attribute.
             *args: A method's arguments.
             **kwargs: A method's arguments by name.
 
@@ -329,7 +333,7 @@ class TrackingVectorEnv(Described, VectorEnv[Observations, Observations, npt.NDA
         found = getattr(self, name)
         if not callable(found):
             return (found,) * self.num_envs
-        if name not in ("state", "parameters", "push", "snapshot", "render"):
+        if name not in ("state", "terms", "parameters", "push", "snapshot", "render"):
             raise ValueError(
                 f"call({name!r}) is not allowed; {name} acts on all environments at once, so use {name}() itself."
             )

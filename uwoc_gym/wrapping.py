@@ -125,6 +125,11 @@ def state_of(env: VectorEnv[Any, Any, Any]) -> dict[str, npt.NDArray[Any]]:
     return _behind(env, "state")
 
 
+def terms_of(env: VectorEnv[Any, Any, Any]) -> dict[str, npt.NDArray[np.float64]]:
+    """The terms of the last step's reward behind all wrappers, as `TrackingVectorEnv.terms` gives them."""
+    return _behind(env, "terms")
+
+
 def parameters_of(env: VectorEnv[Any, Any, Any]) -> dict[str, npt.NDArray[Any]]:
     """What the present episodes have drawn, behind all wrappers, as `TrackingVectorEnv.parameters` gives it."""
     return _behind(env, "parameters")

@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
-from uwoc_gym.agents.flight import Series, batches, check_flights, flown_seeds, fly
+from uwoc_gym.agents.flight import Series, batches, check_flights, decision_time, flown, flown_seeds, fly, possible
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
     add_trust_argument,
@@ -26,11 +28,14 @@ from uwoc_gym.agents.options import (
 )
 from uwoc_gym.agents.policies.registry import MAY_BE, POLICIES
 from uwoc_gym.agents.reports import figures, files, statistics, tables
+from uwoc_gym.agents.work import Task, cores, run_all
 from uwoc_gym.agents.wrapping import Wrapping
+from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
+from uwoc_gym.sim.layout import varying
 
 HELP = "fly policies through scenarios on the same seeds and compare them"
 EXAMPLES = """\
@@ -49,7 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--policy",
         nargs="+",
         metavar="POLICY",
-        help=f"each {MAY_BE} (default: those of {' '.join(_usual())} that can fly the scenario)",
+        help=f"each {MAY_BE} (default: those of {' '.join(by_default())} that can fly the scenario, and law@SCENARIO, "
+        "which was tuned in it; the slow ones, as uwoc-gym list tells them, fly where they are named)",
     )
     add_trust_argument(parser)
     add_scenario_arguments(parser, list(ENV_IDS), many=True)
@@ -71,6 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="time between actions [s] (default: the scenario's)",
     )
+    parser.add_argument(
+        "--jobs",
+        type=whole("jobs"),
+        default=cores(),
+        metavar="N",
+        help="processes that fly at a time, for the same results (default: as many as there are cores, %(default)s)",
+    )
     parser.add_argument("--out", metavar="DIR", help="folder for results.json, episodes.csv, table.md and figures")
 
 
@@ -81,27 +94,33 @@ def run(args: argparse.Namespace) -> int:
     around = wrapping_of(args)
     pairs = _pairs(args, scenarios, around)
     folder = files.output_folder(args.out) if args.out else None
-    results: list[tables.Result] = []
-    flown: dict[str, dict[str, tuple[int, Series]]] = {}
+    found = Found({}, {}, {})
     begun = time.perf_counter()
     interrupted = False
     try:
         if folder is None:
-            _fly_all(args, scenarios, pairs, around, results, flown, None)
+            _fly_all(args, scenarios, pairs, around, found, None)
         else:
-            with files.EpisodesFile(folder / "episodes.csv") as episodes:
-                _fly_all(args, scenarios, pairs, around, results, flown, episodes)
+            drawn = dict.fromkeys(path for scenario in scenarios.values() for path in varying(scenario))
+            with files.EpisodesFile(folder / files.EPISODES, [*drawn]) as episodes:
+                _fly_all(args, scenarios, pairs, around, found, episodes)
     except KeyboardInterrupt:
         interrupted = True
-    results = [result for result in results if result.rows]
+    results = [
+        tables.Result(name, policy.name, rows, len(seeds) < args.seeds, possible(scenarios[name]))
+        for name, policy, _, seeds in pairs
+        if (rows := found.rows.get((name, policy.name)))
+    ]
     data = tables.results_data(results, args.seed)
-    text = tables.table(data, around.plain()) if data else ""
+    text = tables.table(data, around.plain(), found.microseconds) if data else ""
     print(text, end="")
     if folder is not None:
-        document = _document(args, scenarios, around, data, not interrupted, begun)
+        document = _document(args, scenarios, around, data, not interrupted, begun) | {
+            "microseconds_a_decision": found.microseconds
+        }
         files.write_results(folder, args.command_line, scenarios, document)
         files.write_text(folder / "table.md", text)
-        for name, series in flown.items():
+        for name, series in found.series.items():
             figures.figure(folder / f"{name}.png", name, scenarios[name], series, around.plain())
             returns = {
                 each.policy: np.array([row["return"] for row in each.rows]) for each in results if each.scenario == name
@@ -115,6 +134,17 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+class Found(NamedTuple):
+    """What has been flown so far."""
+
+    rows: dict[tuple[str, str], list[dict[str, float]]]
+    """The episodes by scenario and policy."""
+    series: dict[str, dict[str, tuple[int, Series]]]
+    """Seed and series of the first episode, by scenario and policy."""
+    microseconds: dict[str, dict[str, float]]
+    """How long a decision takes, by scenario and policy."""
+
+
 def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
     scenarios = scenarios_of(args)
     if args.control_period is None:
@@ -126,29 +156,44 @@ def _scenarios(args: argparse.Namespace) -> dict[str, Scenario]:
         raise CommandError(f"--control-period {args.control_period:g}: {error}") from None
 
 
-def _pairs(
-    args: argparse.Namespace, scenarios: Mapping[str, Scenario], around: Wrapping
-) -> Mapping[str, Sequence[Policy]]:
-    """Who flies which scenario: all that are named, or else all that can."""
+def _pairs(args: argparse.Namespace, scenarios: Mapping[str, Scenario], around: Wrapping) -> list[Pair]:
+    """Who flies which scenario: all that are named, or else all that can and aren't left out."""
     episodes = min(args.batch, args.seeds)
+    seeds = range(args.seed, args.seed + args.seeds)
+    words: Mapping[str, str] = {}
     if args.policy is not None:
         policies = policies_of(args)
+        words = dict(zip((policy.name for policy in policies), dict.fromkeys(args.policy), strict=True))
         check_flights(policies, scenarios, episodes, around)
-        return dict.fromkeys(scenarios, policies)
-    check_flights([], scenarios, episodes, around)
-    usual = [POLICIES[name] for name in _usual()]
-    pairs = {
-        name: [policy for policy in usual if _can(policy, name, scenario, around)]
+        who: Mapping[str, Sequence[Policy]] = dict.fromkeys(scenarios, policies)
+    else:
+        check_flights([], scenarios, episodes, around)
+        usual = {name: [POLICIES[each] for each in by_default(name)] for name in scenarios}
+        who = {
+            name: [policy for policy in usual[name] if _can(policy, name, scenario, around)]
+            for name, scenario in scenarios.items()
+        }
+        # Where nobody can fly, the first says why.
+        for name, able in who.items():
+            if not able:
+                check_flights(usual[name], {name: scenarios[name]}, 1, around)
+    return [
+        Pair(name, policy, words.get(policy.name, policy.name), flown_seeds(policy, scenario, seeds, around))
         for name, scenario in scenarios.items()
-    }
-    # Where nobody can fly, the first says why.
-    check_flights(usual, {name: scenarios[name] for name, able in pairs.items() if not able}, 1, around)
-    return pairs
+        for policy in who[name]
+    ]
 
 
-def _usual() -> list[str]:
-    """The policies that fly by default."""
-    return [name for name, policy in POLICIES.items() if policy.installed() and name != "pd-plain"]
+def by_default(scenario: str | None = None) -> list[str]:
+    """The policies that fly a scenario by default: those that aren't slow, and what was tuned in it alone.
+
+    Without a scenario, those that fly every one.
+    """
+    return [
+        name
+        for name, policy in POLICIES.items()
+        if policy.installed() and not policy.slow and name != "pd-plain" and name.partition("@")[2] in ("", scenario)
+    ]
 
 
 def _can(policy: Policy, name: str, scenario: Scenario, around: Wrapping) -> bool:
@@ -160,59 +205,107 @@ def _can(policy: Policy, name: str, scenario: Scenario, around: Wrapping) -> boo
     return True
 
 
+class Pair(NamedTuple):
+    """A policy in a scenario."""
+
+    scenario: str
+    policy: Policy
+    word: str
+    """What `load` knows the policy by."""
+    seeds: Sequence[int]
+    """Those of its episodes that differ."""
+
+
+def _tasks(
+    args: argparse.Namespace, scenarios: Mapping[str, Scenario], pairs: Sequence[Pair]
+) -> Iterator[tuple[Pair, Task]]:
+    """Of each pair how long a decision takes, then its flights."""
+    for pair in pairs:
+        arguments = (pair.word, args.trust, tuple(args.wrapper), scenarios[pair.scenario])
+        name = f"policy {pair.policy.name!r} in {pair.scenario}"
+        yield pair, Task(decision_time, arguments, pair.seeds[:1], name)
+        for batch in batches(pair.seeds, args.batch):
+            yield pair, Task(flown, arguments, batch, name)
+
+
 def _fly_all(
     args: argparse.Namespace,
     scenarios: dict[str, Scenario],
-    pairs: Mapping[str, Sequence[Policy]],
+    pairs: Sequence[Pair],
     around: Wrapping,
-    results: list[tables.Result],
-    flown: dict[str, dict[str, tuple[int, Series]]],
+    found: Found,
     episodes: files.EpisodesFile | None,
 ) -> None:
-    """Fly everything; what is finished stands in ``results``, ``flown`` and ``episodes`` at any time."""
+    """Fly everything; what is finished stands in ``found`` and ``episodes`` at any time."""
     from tqdm import tqdm
 
-    seeds = range(args.seed, args.seed + args.seeds)
-    plan = [
-        (name, policy, flown_seeds(policy, scenario, seeds, around))
-        for name, scenario in scenarios.items()
-        for policy in pairs[name]
-    ]
+    # A lone flight isn't worth another process.
+    jobs = min(args.jobs, sum(-(-len(pair.seeds) // args.batch) for pair in pairs))
     left = TimeLeft(
-        [(policy.name, scenarios[name], batch) for name, policy, own in plan for batch in batches(own, args.batch)]
+        (
+            (pair.policy.name, scenarios[pair.scenario], batch)
+            for pair in pairs
+            for batch in batches(pair.seeds, args.batch)
+        ),
+        jobs,
     )
-    count, total = 0, sum(len(own) for *_, own in plan)
+    count, total = 0, sum(len(pair.seeds) for pair in pairs)
     shown = "{percentage:3.0f} % |{bar}| {elapsed} gone, {desc}"
+    # Tasks come back in their order; of those that an interruption has ended, some may be missing.
+    of_task: deque[tuple[Pair, Task]] = deque()
+
+    def tasks() -> Iterator[Task]:
+        for each in _tasks(args, scenarios, pairs):
+            of_task.append(each)
+            yield each[1]
+
     with tqdm(total=left.work, bar_format=shown, file=sys.stderr, desc="compiling") as bar:
-        warm_up(scenarios, pairs, around, min(args.batch, args.seeds))
-        left.begin()
-        for name, policy, own in plan:
-            result = tables.Result(name, policy.name, [], len(own) < len(seeds))
-            results.append(result)
-            for batch in batches(own, args.batch):
-                bar.set_description_str(f"{left.words()}: {count} of {total} episodes, {name}, {policy.name}")
-                flight = fly(policy, scenarios[name], batch, wrapping=around)
-                rows = flight.metrics.rows()
+        warm_up(scenarios, pairs, around, min(args.batch, args.seeds), everybody=jobs == 1)
+        bar.set_description_str(f"flying: 0 of {total} episodes")
+        with closing(run_all(tasks(), jobs)) as done:
+            for task, result in done:
+                while of_task[0][1] is not task:
+                    of_task.popleft()
+                pair, _ = of_task.popleft()
+                name, policy = pair.scenario, pair.policy.name
+                if task.function is decision_time:
+                    found.microseconds.setdefault(name, {})[policy] = round(result, 1)
+                    continue
+                rows = found.rows.setdefault((name, policy), [])
+                if task.seeds[0] != pair.seeds[len(rows)]:
+                    # An interruption has left out the episodes before these, and pairs go by their places.
+                    continue
                 if episodes is not None:
-                    episodes.append(name, policy.name, batch, rows)
-                result.rows.extend(rows)
-                flown.setdefault(name, {}).setdefault(policy.name, (batch[0], flight.series))
-                count += len(batch)
-                bar.update(left.done())
+                    episodes.append(name, policy, task.seeds, result.rows, result.drawn)
+                rows.extend(result.rows)
+                found.series.setdefault(name, {}).setdefault(policy, (task.seeds[0], result.series))
+                count += len(task.seeds)
+                bar.update(left.done((policy, scenarios[name], task.seeds), result.seconds))
+                bar.set_description_str(f"{left.words()}: {count} of {total} episodes, {name}, {policy}")
         bar.set_description_str(f"done: {count} episodes")
 
 
 def warm_up(
-    scenarios: Mapping[str, Scenario], pairs: Mapping[str, Sequence[Policy]], around: Wrapping, episodes: int
+    scenarios: Mapping[str, Scenario], pairs: Sequence[Pair], around: Wrapping, episodes: int, everybody: bool
 ) -> None:
-    """Compile and load all that flights need, so that how fast they go tells how long the others will take."""
-    if (torch := sys.modules.get("torch")) is not None:
-        # Networks of this size gain nothing from more, and wait for each other where others work on the machine.
-        torch.set_num_threads(1)
-    for name, scenario in scenarios.items():
+    """Compile all that flights need, once, and not in each of the processes that fly.
+
+    Args:
+        scenarios: What is flown.
+        pairs: Who flies it.
+        around: What stands around the environments.
+        episodes: How many fly together.
+        everybody: Whether this process is to fly everybody, and has to load all; else agents, which bring nothing that
+            is compiled, are left to those that do.
+    """
+    seen: set[str] = set()
+    for pair in pairs:
+        if not everybody and (pair.policy.name in seen or pair.policy.name not in CONTROLLERS):
+            continue
+        seen.add(pair.policy.name)
+        scenario = scenarios[pair.scenario]
         short = scenario.merged({"episode": {"duration_s": scenario.episode.control_period_s}})
-        for policy in pairs[name]:
-            fly(policy, short, range(episodes if scenario.draws or around else 1), wrapping=around)
+        fly(pair.policy, short, range(min(episodes, len(pair.seeds))), wrapping=around)
 
 
 class TimeLeft:
@@ -222,53 +315,38 @@ class TimeLeft:
     work, and each policy's own speed is taken once it has flown.
 
     Args:
-        flights: Policy, scenario and seeds of each flight, in their order.
-        clock: Gives the time [s].
+        flights: Policy, scenario and seeds of each flight.
+        jobs: How many fly at a time.
     """
 
-    def __init__(
-        self,
-        flights: Sequence[tuple[str, Scenario, Sequence[int]]],
-        clock: Callable[[], float] = time.perf_counter,
-    ) -> None:
-        self._flights = [
-            (policy, scenario.episode.steps * (_ALONE + len(seeds))) for policy, scenario, seeds in flights
-        ]
-        self._clock = clock
-        self._seconds: list[float] = []
-        self.begin()
-
-    def begin(self) -> None:
-        """The first flight begins now."""
-        self._at = self._clock()
-
-    @property
-    def work(self) -> int:
+    def __init__(self, flights: Iterable[tuple[str, Scenario, Sequence[int]]], jobs: int = 1) -> None:
+        self._jobs = jobs
+        self._to_do: dict[str, float] = {}
+        self._done: dict[str, float] = {}
+        self._seconds: dict[str, float] = {}
+        for flight in flights:
+            self._to_do[flight[0]] = self._to_do.get(flight[0], 0) + _work(flight)
+        self.work = sum(self._to_do.values())
         """All there is to do."""
-        return sum(amount for _, amount in self._flights)
 
-    def done(self) -> int:
-        """A flight has ended, and the next one begins; returns how much work it was."""
-        now = self._clock()
-        self._seconds.append(now - self._at)
-        self._at = now
-        return self._flights[len(self._seconds) - 1][1]
+    def done(self, flight: tuple[str, Scenario, Sequence[int]], seconds: float) -> int:
+        """A flight has ended that took so long by itself [s]; returns how much work it was."""
+        policy, work = flight[0], _work(flight)
+        self._to_do[policy] -= work
+        self._done[policy] = self._done.get(policy, 0.0) + work
+        self._seconds[policy] = self._seconds.get(policy, 0.0) + seconds
+        return work
 
     def seconds(self) -> float | None:
         """What is left [s]; None before anything is known."""
-        if not self._seconds:
+        if not self._done:
             return None
-        done = list(zip(self._flights, self._seconds, strict=False))
-        work: dict[str, float] = {}
-        taken: dict[str, float] = {}
-        for (policy, amount), seconds in done:
-            work[policy] = work.get(policy, 0.0) + amount
-            taken[policy] = taken.get(policy, 0.0) + seconds
-        usual = sum(taken.values()) / sum(work.values())
-        return sum(
-            amount * (taken[policy] / work[policy] if policy in work else usual)
-            for policy, amount in self._flights[len(done) :]
+        usual = sum(self._seconds.values()) / sum(self._done.values())
+        alone = sum(
+            work * (self._seconds[policy] / self._done[policy] if policy in self._done else usual)
+            for policy, work in self._to_do.items()
         )
+        return alone / self._jobs
 
     def words(self) -> str:
         """What is left in a few words."""
@@ -276,6 +354,11 @@ class TimeLeft:
         if seconds is None:
             return "flying"
         return f"about {seconds / 60.0:.0f} min left" if seconds >= 90.0 else f"about {seconds:.0f} s left"
+
+
+def _work(flight: tuple[str, Scenario, Sequence[int]]) -> int:
+    _, scenario, seeds = flight
+    return scenario.episode.steps * (_ALONE + len(seeds))
 
 
 _ALONE = 500
@@ -290,13 +373,15 @@ def _document(
     finished: bool,
     begun: float,
 ) -> dict[str, Any]:
+    words = args.policy or dict.fromkeys(each for name in scenarios for each in by_default(name))
+    policies = [str(Path(name)) if name.endswith(".zip") else name for name in words]
     return {
         "finished": finished,
         "settings": {
             "seeds": list(range(args.seed, args.seed + args.seeds)),
             "batch": args.batch,
             "control_period_s": {name: each.episode.control_period_s for name, each in scenarios.items()},
-            "policies": [str(Path(name)) if name.endswith(".zip") else name for name in args.policy or _usual()],
+            "policies": policies,
             "scenarios": {name: each.to_dict() for name, each in scenarios.items()},
             "wrappers": around.plain(),
             "interval": statistics.INTERVAL,

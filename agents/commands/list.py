@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {env_id:<24} {name:<14} {DESCRIPTIONS[name]}".rstrip())
     print("\npolicies:")
     for policy in POLICIES.values():
-        print(f"  {policy.name:<24} {policy.description}")
+        print(f"  {policy.name:<24} {policy.description}{' (slow: flies where it is named)' if policy.slow else ''}")
     return 0
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from uwoc_gym.agents.errors import require
-from uwoc_gym.agents.flight import check_flights
+from uwoc_gym.agents.flight import check_flights, decision_time, possible
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.protocol import GROUPS
 from uwoc_gym.agents.learning.seeds import BATCH, HELD_OUT, RUNS
@@ -21,7 +21,6 @@ from uwoc_gym.agents.options import (
     whole,
     wrapping_of,
 )
-from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import comparison, figures, files
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.registry import ENV_IDS
@@ -36,7 +35,7 @@ examples:
 """
 
 RIVALS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
-"""The controllers that fly beside the groups."""
+"""The controllers that fly beside the groups by default."""
 
 
 def _like_random() -> list[str]:
@@ -60,6 +59,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_scenario_arguments(parser, _like_random(), "what is flown: ", many=True)
     add_wrapper_argument(parser)
+    parser.add_argument(
+        "--rivals",
+        nargs="+",
+        default=list(RIVALS),
+        choices=list(CONTROLLERS),
+        metavar="POLICY",
+        help=f"the controllers that fly beside the groups; {comparison.REFERENCE}, with which all are compared, does "
+        "in any case, and the share of the way to clairvoyant is told where that does (default: "
+        f"{' '.join(RIVALS)})",
+    )
     parser.add_argument(
         "--seeds",
         type=whole("seeds", high=len(HELD_OUT)),
@@ -87,7 +96,8 @@ def run(args: argparse.Namespace) -> int:
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
     scenarios = scenarios_of(args)
     around = wrapping_of(args)
-    check_flights([CONTROLLERS[name] for name in RIVALS], scenarios, min(args.seeds, BATCH), around)
+    rivals = list(dict.fromkeys([*args.rivals, comparison.REFERENCE]))
+    check_flights([CONTROLLERS[name] for name in rivals], scenarios, min(args.seeds, BATCH), around)
     folder, runs = files.output_folder(args.out), files.output_folder(args.runs, "--runs")
     if args.ship:
         files.output_folder(args.ship, "--ship")
@@ -103,22 +113,24 @@ def run(args: argparse.Namespace) -> int:
     if args.ship:
         for group, own in folders.items():
             protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
-    policies = {name: [name] for name in RIVALS}
+    policies = {name: [name] for name in rivals}
     policies |= {group: [str(path) for path in own] for group, own in folders.items()}
     scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], args.jobs, args.wrapper)
+    first = next(iter(scenarios.values()))
     results: dict[str, Any] = {
         "held_out_seeds": args.seeds,
         "wrappers": around.plain(),
         "groups": {
             group: {
                 "arguments": GROUPS[group].wish.words(),
-                "trainings": [protocol.read_results(path / "results.json") for path in own],
+                "trainings": [protocol.read_results(path / files.RESULTS) for path in own],
             }
             for group, own in folders.items()
         },
-        "results": {name: comparison.compared(own) for name, own in scores.items()},
+        "results": {name: comparison.compared(own, name, possible(scenarios[name])) for name, own in scores.items()},
         "microseconds_a_decision": {
-            name: round(protocol.decision_time(load(own[0])), 1) for name, own in policies.items()
+            name: round(decision_time(own[0], False, args.wrapper, first, HELD_OUT[:1]), 1)
+            for name, own in policies.items()
         },
     }
     arrays: dict[str, Any] = {

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents import interrupts
-from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.errors import CommandError, naming, require
 from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import tuning
 from uwoc_gym.agents.learning.plans import Wish, planned
@@ -22,12 +22,11 @@ from uwoc_gym.agents.options import (
     whole,
     wrapping_of,
 )
-from uwoc_gym.agents.policies.registry import GAINS_FILE
+from uwoc_gym.agents.policies.registry import GAINS_FILE, gains_of_file, gains_path
 from uwoc_gym.agents.reports import files
 from uwoc_gym.agents.scenarios import said
-from uwoc_gym.baselines import gains
-from uwoc_gym.baselines.controllers import CONTROLLERS, GainSet, plain
-from uwoc_gym.baselines.guidance import GUIDANCE
+from uwoc_gym.baselines.controllers import CONTROLLERS, KINDS, Tuned, begun
+from uwoc_gym.given import shown
 
 HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
 EXAMPLES = """\
@@ -37,13 +36,27 @@ examples:
   uwoc-gym tune pd --trials 200 --wrapper gymnasium.wrappers:DelayObservation,delay=2 --episodes 16 --out tuning/late
   uwoc-gym tune ppo --trials 30 --steps 1000000 --out tuning/ppo
   uwoc-gym tune nlpd --trials 3000 --out tuning/nlpd --resume
+  uwoc-gym tune ekf-nlpd --scenario Tide --begin nlpd-tuned --box a_p_xy=5:500 --out tuning/ekf-nlpd
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument("target", choices=(*tuning.GAIN_BOXES, *tuning.LEARNERS), help="what to tune")
+    parser.add_argument("target", choices=(*tuning.SEARCHED, *tuning.LEARNERS), help="what to tune")
     add_scenario_arguments(parser, None, "what it is tuned on, by default Random: ")
+    parser.add_argument(
+        "--begin",
+        metavar="GAINS",
+        help="what a law's search begins at: a controller's name, a search's folder or a .json file of gains (default: "
+        "the law's own)",
+    )
+    parser.add_argument(
+        "--box",
+        nargs="+",
+        default=[],
+        metavar="NAME=LOW:HIGH",
+        help="bounds of a law's numbers instead of the usual ones, such as a_p_xy=10:500",
+    )
     add_wrapper_argument(parser)
     parser.add_argument("--env", metavar="ID", help="an environment of another package that a learner is tuned on")
     parser.add_argument(
@@ -80,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Search and report; returns the exit status."""
     require("optuna", "cmaes", "tqdm")
-    found = _gains(args) if args.target in tuning.GAIN_BOXES else _settings(args)
+    found = _gains(args) if args.target in tuning.SEARCHED else _settings(args)
     if not found.finished:
         print("uwoc-gym tune: interrupted; --resume goes on", file=sys.stderr)
         return interrupts.status()
@@ -92,44 +105,68 @@ def _gains(args: argparse.Namespace) -> Found:
         raise CommandError(f"--env is not allowed for {args.target}, a controller; give --scenario.")
     name, _, _, scenario = said("Random" if args.scenario is None else args.scenario, args.override)
     around = wrapping_of(args)
-    check_flights([CONTROLLERS[args.target]], {name: scenario}, args.batch * args.episodes, around)
+    start = _begun(args)
+    together = args.batch if KINDS[args.target].together else 1
+    check_flights([start.policy(args.target)], {name: scenario}, together * args.episodes, around)
+    box = tuning.changed(tuning.box_of(args.target, scenario), args.box)
     folder = files.output_folder(args.out)
-    box = tuning.GAIN_BOXES[args.target]
     problem = {
         "target": args.target, "seed": args.seed, "scenario": scenario.to_dict(), "episodes": args.episodes,
         # Searches of earlier versions know of none, and go on.
         **({"wrappers": around.plain()} if around else {}),
+        **({"begin": start.to_dict()} if args.begin is not None else {}),
     }  # fmt: skip
     with files.locked(folder):
         found = search(
             folder,
             problem,
             box,
-            tuning.controller_score(scenario, args.seed, args.episodes, around),
+            tuning.controller_score(args.target, scenario, args.seed, args.episodes, around, start.gains),
             trials=args.trials or 2000,
             batch=args.batch,
             seed=args.seed,
             direction="maximize",
             sampler="cma-es",
-            begin=[tuning.point_of(_usual(args.target), box)],
+            begin=[tuning.point_of(start.gains, box)],
             resume=args.resume,
         )
-    law = tuning.gains_of(found.best.values, args.command_line)
+    law = tuning.gains_of(args.target, found.best.values, args.command_line, start.gains)
     episodes = args.eval_episodes or len(VALIDATION)
     validation = tuning.validation(law, scenario, episodes, around)
-    files.write_json(folder / GAINS_FILE, plain(law))
+    files.write_json(folder / GAINS_FILE, law.to_dict())
     document = {**_document(problem, box, found), "validation_episodes": episodes, "validation": validation}
     files.write_results(folder, args.command_line, {name: scenario}, document)
     _show(args.target, name, found, validation)
     return found
 
 
-def _usual(target: str) -> GainSet:
-    """The gains that are tried first."""
-    return GUIDANCE[target] if target in GUIDANCE else gains(target)
+def _begun(args: argparse.Namespace) -> Tuned:
+    """What the search begins at: the law's own gains, or those that were said, of any law that is set by as much."""
+    kind = KINDS[args.target].gains
+    if args.begin is None:
+        return begun(args.target)
+    with naming("--begin"):
+        if args.begin in CONTROLLERS:
+            found = begun(args.begin)
+        else:
+            path = gains_path(Path(args.begin))
+            if path is None:
+                raise CommandError(
+                    f"there are no gains {shown(args.begin)}; give a controller that uwoc-gym list shows, the folder "
+                    "of a search, or a .json file of gains."
+                )
+            found = gains_of_file(path)
+        if not isinstance(found.gains, kind):
+            raise CommandError(
+                f"{shown(args.begin)} holds {type(found.gains).__name__}; {args.target} is set by {kind.__name__}."
+            )
+    return Tuned(args.target, found.gains, found.source)
 
 
 def _settings(args: argparse.Namespace) -> Found:
+    for option, given in (("--begin", args.begin), ("--box", args.box)):
+        if given:
+            raise CommandError(f"{option} is not allowed for {args.target}, a learner; it is for controllers.")
     require("yaml", "stable_baselines3", "tensorboard", "matplotlib")
     folder = Path(args.out)
     wish = Wish(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import gymnasium as gym
 import numpy as np
@@ -17,12 +17,15 @@ from uwoc_gym.agents.modules import import_here
 from uwoc_gym.agents.policies.archive import Normalisation, Statistics
 from uwoc_gym.agents.policies.residual import CONTROLS, Corrected, check_actions
 from uwoc_gym.agents.wrapping import PLAIN, Wrapping
+from uwoc_gym.baselines.beliefs import Beliefs
+from uwoc_gym.baselines.observers import Memory
 from uwoc_gym.baselines.policy import Predictor
 from uwoc_gym.env import TrackingEnv
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.sb3 import TrackingVecEnv
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import action_space
+from uwoc_gym.task.observation import LIMIT
 
 
 class ResidualVecEnv(VecEnvWrapper):
@@ -59,6 +62,41 @@ class ResidualVecEnv(VecEnvWrapper):
         # Where an episode has ended this is the next one's first observation; the last stays in its info.
         self._corrected.see(observations, dones)
         return observations, rewards, dones, infos
+
+
+class BelievingVecEnv(VecEnvWrapper):
+    """Adds what filters believe to the observations of Stable-Baselines3's vector environments.
+
+    Args:
+        venv: Environments with this package's observations.
+        beliefs: What adds it.
+    """
+
+    def __init__(self, venv: VecEnv, beliefs: Beliefs) -> None:
+        own: Any = venv.observation_space
+        far = np.full(len(beliefs.names), LIMIT, dtype=np.float32)
+        space = gym.spaces.Box(np.append(own.low, -far), np.append(own.high, far), dtype=np.float32)
+        super().__init__(venv, observation_space=space)
+        self._beliefs = beliefs
+        self._memory: Memory = None
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode in every environment."""
+        found, self._memory = self._beliefs(cast(Any, self.venv.reset()))
+        return found
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Advance all environments by one control period."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        over = np.flatnonzero(dones)
+        if over.size and self._memory is not None:
+            # What an episode's last observation makes believe, before the next one's first takes its place.
+            last = np.stack([infos[i]["terminal_observation"] for i in over])
+            told, _ = self._beliefs(last, tuple(each[over] for each in self._memory), np.zeros(over.size, dtype=bool))
+            for i, own in zip(over.tolist(), told, strict=True):
+                infos[i]["terminal_observation"] = own
+        found, self._memory = self._beliefs(cast(Any, observations), self._memory, dones)
+        return found, rewards, dones, infos
 
 
 class EpisodeMonitor(VecEnvWrapper):
@@ -238,10 +276,11 @@ def wrapped(
     controller: Predictor | None,
     scenario: Scenario | None,
     normalisation: Normalisation | None = None,
+    beliefs: Beliefs | None = None,
 ) -> tuple[VecEnv, EpisodeMonitor, VecNormalize | None]:
     """The environments as the algorithm sees them.
 
-    The order is that of rl-baselines3-zoo: correction, then normalisation, then stacking.
+    The order is that of rl-baselines3-zoo: correction, then normalisation, then stacking; beliefs come after the first.
 
     Args:
         base: The bare environments.
@@ -249,11 +288,14 @@ def wrapped(
         controller: What the agent corrects, if anything.
         scenario: The scenario trained on; None where observations aren't as it says.
         normalisation: Where its statistics stand; None to begin.
+        beliefs: What filters add to the observations, if anything.
     """
     monitor = EpisodeMonitor(base, None if scenario is None else scenario.observation.place("inside the cone"))
     env: VecEnv = monitor
     if controller is not None:
         env = ResidualVecEnv(env, controller, values["residual_scale"])
+    if beliefs is not None:
+        env = BelievingVecEnv(env, beliefs)
     statistics: VecNormalize | None = None
     if values["normalize"]:
         options = values["normalize"] if isinstance(values["normalize"], dict) else {}

@@ -24,6 +24,7 @@ from uwoc_gym.agents.policies.residual import check_actions
 from uwoc_gym.agents.reports.files import read_json
 from uwoc_gym.agents.scenarios import Said, changes_of, json_object, merged, said
 from uwoc_gym.agents.wrapping import Wrapping, wrapping
+from uwoc_gym.baselines.beliefs import Beliefs
 from uwoc_gym.given import LIMITS, closest, shown
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
@@ -246,6 +247,7 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
     of_source = nullcontext() if source is None else naming(f"settings of {source}")
     with of_source:
         _check_arguments(where, values)
+        _check_filters(where, values)
         base, task = (_with_periods(each, values) for each in (where.base, where.task))
     with nullcontext() if wish.residual is not None else naming(f"settings of {source or algorithm}"):
         given = values["residual"]
@@ -430,6 +432,20 @@ def _corrected(where: _Where, given: Any, trust: bool) -> Correction | None:
         check_actions((len(where.task.actions),))
         found.policy.pilot(where.task)
     return found
+
+
+def _check_filters(where: _Where, values: Mapping[str, Any]) -> None:
+    """Refuse filters that have nothing to filter.
+
+    Raises:
+        CommandError: The environment isn't ours, or its observations leave out what filters need.
+    """
+    if not values["filtered"]:
+        return
+    if where.task is None:
+        raise CommandError(f"filtered is not allowed for {where.env_id!r}, {_OTHERS}: no filter knows what it sees.")
+    with naming("filtered = True is not allowed"):
+        Beliefs(where.task.known())
 
 
 def _check_arguments(where: _Where, values: Mapping[str, Any]) -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import multiprocessing
 import sys
-import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,15 +17,13 @@ import numpy.typing as npt
 
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
-from uwoc_gym.agents.flight import batches, fly
+from uwoc_gym.agents.flight import batches, flown
 from uwoc_gym.agents.learning import checkpoints
 from uwoc_gym.agents.learning.plans import Job, Plan, Wish, planned, recorded_plan
 from uwoc_gym.agents.learning.seeds import BATCH
 from uwoc_gym.agents.policies import archive, saved
-from uwoc_gym.agents.policies.registry import load
 from uwoc_gym.agents.reports import files
-from uwoc_gym.agents.wrapping import wrapping
-from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.agents.work import Task, run_all
 from uwoc_gym.given import as_number, shown
 from uwoc_gym.scenario import Scenario
 
@@ -222,24 +219,15 @@ def ship(own: Sequence[Path], target: Path, text: str) -> None:
     """
 
     def validation(path: Path) -> float:
-        return float(read_results(path / "results.json")["best"]["return"]["mean"])
+        return float(read_results(path / files.RESULTS)["best"]["return"]["mean"])
 
     best = max(own, key=validation)
     target.mkdir(parents=True, exist_ok=True)
-    for name in ("settings.yaml", "results.json"):
+    for name in ("settings.yaml", files.RESULTS):
         files.copy(best / name, target / name)
     model = best / saved.MODEL
     described = f"{text}; trained on {archive.read(model).env}"
     checkpoints.save_agent(target / saved.MODEL, lambda file: archive.write_for_acting(model, file, described))
-
-
-def _workers(jobs: int) -> ProcessPoolExecutor:
-    # PyTorch and Numba don't like to be forked.
-    context = multiprocessing.get_context("spawn")
-    try:
-        return ProcessPoolExecutor(jobs, context, _one_thread)
-    except OSError as error:
-        raise CommandError(f"worker processes can't be started, which need shared memory: {error.strerror}") from None
 
 
 def fly_all(
@@ -264,30 +252,28 @@ def fly_all(
     from tqdm import tqdm
 
     flights = [
-        (scenario_name, name, member, seeds if scenario.draws or wrapper else seeds[:1])
+        (scenario_name, name) for scenario_name in scenarios for name, members in policies.items() for _ in members
+    ]
+    tasks = [
+        Task(
+            _rows,
+            (member, tuple(wrapper), scenario),
+            seeds if scenario.draws or wrapper else seeds[:1],
+            f"flying {member} through {scenario_name}",
+        )
         for scenario_name, scenario in scenarios.items()
-        for name, members in policies.items()
+        for members in policies.values()
         for member in members
     ]
     rows: dict[tuple[str, str], list[list[dict[str, float]]]] = {}
     with (
-        _workers(jobs) as pool,
+        closing(run_all(tasks, min(jobs, len(tasks)))) as done,
         tqdm(total=len(flights), unit="flight", file=sys.stderr) as bar,
     ):
-        try:
-            with interrupts.kept_from_children():
-                flown = [
-                    pool.submit(_rows, member, scenarios[scenario], own, tuple(wrapper))
-                    for scenario, _, member, own in flights
-                ]
-            for (scenario, name, _, _), done in zip(flights, flown, strict=True):
-                bar.set_description(f"{scenario}, {name}")
-                rows.setdefault((scenario, name), []).append(done.result())
-                bar.update()
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            interrupts.stop_children()
-            raise
+        for (scenario_name, name), (_, found) in zip(flights, done, strict=True):
+            bar.set_description(f"{scenario_name}, {name}")
+            rows.setdefault((scenario_name, name), []).append(found)
+            bar.update()
     scores: dict[str, dict[str, dict[str, Array]]] = {}
     for (scenario, name), own in rows.items():
         found = {key: np.array([[row[key] for row in each] for each in own]) for key in own[0][0]}
@@ -295,28 +281,7 @@ def fly_all(
     return scores
 
 
-def _one_thread() -> None:
-    import torch
-
-    torch.set_num_threads(1)
-
-
-def _rows(member: str, scenario: Scenario, seeds: Sequence[int], wrapper: Sequence[str]) -> list[dict[str, float]]:
-    """The measures of one policy's episodes."""
-    policy, around = load(member), wrapping(wrapper)
-    flights = (fly(policy, scenario, batch, wrapping=around) for batch in batches(seeds, BATCH))
-    return [row for flight in flights for row in flight.metrics.rows()]
-
-
-def decision_time(policy: Policy, calls: int = 300) -> float:
-    """Microseconds that one policy takes for one decision on one observation, by the median call."""
-    scenario = Scenario.named("Random")
-    predictor = policy.pilot(scenario)
-    observation, state, times = np.zeros((1, scenario.observation.size), dtype=np.float32), None, []
-    for _ in range(calls):
-        begun = time.perf_counter()
-        _, state = predictor.predict(
-            observation, state=state, episode_start=np.zeros(1, dtype=bool), deterministic=True
-        )
-        times.append(time.perf_counter() - begun)
-    return 1e6 * float(np.median(times))
+def _rows(member: str, wrapper: Sequence[str], scenario: Scenario, seeds: Sequence[int]) -> list[dict[str, float]]:
+    """The measures of one policy's episodes, and what they lack."""
+    flights = (flown(member, False, wrapper, scenario, batch) for batch in batches(seeds, BATCH))
+    return [row for flight in flights for row in flight.rows]

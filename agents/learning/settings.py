@@ -48,6 +48,7 @@ OWN: dict[str, Any] = {
     "policy": "MlpPolicy",
     "normalize": False,
     "frame_stack": 1,
+    "filtered": False,
     "noise_type": None,
     "noise_std": 0.1,
     "residual": None,
@@ -57,8 +58,8 @@ OWN: dict[str, Any] = {
 """Settings that aren't the algorithm's own, with their defaults.
 
 ``env_kwargs`` are arguments of the environment; ``env_kwargs.scenario`` overrides the scenario in training alone, the
-others hold in evaluation too. ``residual`` names the policy that the agent corrects by ``residual_scale``; these two
-are all that rl-baselines3-zoo doesn't know.
+others hold in evaluation too. ``filtered`` adds what `Beliefs` adds to the observations, and ``residual`` names the
+policy that the agent corrects by ``residual_scale``; these three are all that rl-baselines3-zoo doesn't know.
 """
 
 _NOT_SETTINGS = {
@@ -275,6 +276,9 @@ def _own(key: str, value: Any) -> Any:
             return _count(key, value)
         case "normalize":
             return _normalize(value)
+        case "filtered":
+            if not isinstance(value, bool):
+                raise _NotAllowedError("true or false")
         case "noise_type":
             if value is not None and not (isinstance(value, str) and value in _NOISES):
                 raise _NotAllowedError(f"null or one of {', '.join(_NOISES)}")

@@ -32,6 +32,7 @@ from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.agents.policies.residual import Named
 from uwoc_gym.agents.reports import figures, files, tables
 from uwoc_gym.agents.scenarios import differences
+from uwoc_gym.baselines.beliefs import Beliefs
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
@@ -57,7 +58,7 @@ def begun(folder: Path) -> bool:
 def finished(folder: Path) -> bool:
     """Whether the run in a folder has come to its end."""
     try:
-        return bool(files.read_json(folder / "results.json")["finished"])
+        return bool(files.read_json(folder / files.RESULTS)["finished"])
     except (CommandError, KeyError, TypeError):
         return False
 
@@ -182,7 +183,7 @@ class Run:
         base = environments.make_base(plan.env_id, values["n_envs"], practice, values["env_kwargs"], plan.wrapping)
         shown = None if plan.wrapping else practice
         env, self.monitor, self.statistics = environments.wrapped(
-            base, values, self._corrected(practice), shown, normalisation
+            base, values, self._corrected(practice), shown, normalisation, self._beliefs()
         )
         self.env = env
         self.model = self._make(first)
@@ -212,6 +213,11 @@ class Run:
             return None
         return Named(corrected.policy.pilot(scenario), corrected.policy.name)
 
+    def _beliefs(self) -> Beliefs | None:
+        """What filters add to observations; they know what is scored, in practice too."""
+        task = self.plan.task
+        return Beliefs(task.known()) if self.plan.values["filtered"] and task is not None else None
+
     def _restore(self, path: Path) -> None:
         """Put the model back where a checkpoint left it."""
         archive.read_training(path / _LAST, self.model)
@@ -225,7 +231,7 @@ class Run:
         plan = self.plan
         normalise = self.statistics.normalize_obs if self.statistics is not None else None
         frames, scale = plan.values["frame_stack"], plan.values["residual_scale"]
-        return Agent(self.model, normalise, frames, self._corrected(plan.task), scale)
+        return Agent(self.model, normalise, frames, self._corrected(plan.task), scale, self._beliefs())
 
     def _lot(self) -> int | None:
         return rollout(self.model, self.kind.off_policy)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.policies.residual import checked_scale, corrected
+from uwoc_gym.baselines.beliefs import Beliefs
 from uwoc_gym.baselines.policy import Predictor
 
 
@@ -21,6 +22,7 @@ class Agent:
         frames: How many observations in a row it sees.
         controller: What its actions correct, if anything: a controller or any other policy.
         scale: What an action of 1 adds to the controller's.
+        beliefs: What filters add to its observations, if anything.
     """
 
     def __init__(
@@ -30,12 +32,14 @@ class Agent:
         frames: int = 1,
         controller: Predictor | None = None,
         scale: float = 1.0,
+        beliefs: Beliefs | None = None,
     ) -> None:
         self.model = model
         self.controller = controller
         self._normalise = normalise
         self._frames = frames
         self._scale = checked_scale(scale)
+        self._beliefs = beliefs
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
@@ -56,19 +60,25 @@ class Agent:
         """
         seen = np.asarray(observation, dtype=np.float32)
         size = self.model.observation_space.shape[0] // self._frames
+        if self._beliefs is not None:
+            size -= len(self._beliefs.names)
         if seen.ndim not in (1, 2) or seen.shape[-1] != size:
             raise ValueError(f"observation has shape {seen.shape}; it must be ({size},) or (N, {size}).")
         batch = np.atleast_2d(seen)
         start = np.zeros(len(batch), dtype=bool) if episode_start is None else np.atleast_1d(episode_start).astype(bool)
-        stacked, memory, below = state if state is not None else (None, None, None)
-        given = batch if self._normalise is None else self._normalise(batch)
+        stacked, memory, below, believed = state if state is not None else (None, None, None, None)
+        given = batch
+        if self._beliefs is not None:
+            given, believed = self._beliefs(given, believed, start)
+        if self._normalise is not None:
+            given = self._normalise(given)
         if self._frames > 1:
             given = stacked = stack(stacked, given, start, self._frames)
         actions, memory = self.model.predict(given, memory, start, deterministic)
         if self.controller is not None:
             controls, below = self.controller.predict(batch, state=below, episode_start=start, deterministic=True)
             actions = corrected(controls, actions, self._scale)
-        return (actions if seen.ndim == 2 else actions[0]), (stacked, memory, below)
+        return (actions if seen.ndim == 2 else actions[0]), (stacked, memory, below, believed)
 
 
 def stack(

@@ -122,6 +122,14 @@ class Description:
     normalisation: Normalisation | None
     residual: dict[str, Any] | None
     """What it corrects and by what scale: "gains", "policy" or "agent" (a member of its file), and "scale"."""
+    beliefs: list[str] | None = None
+    """What filters add to its observations; None for nothing."""
+
+    @property
+    def seen(self) -> int:
+        """How many entries it sees at a time, in an environment of this package."""
+        assert self.observation is not None
+        return len(self.observation["entries"]) + len(self.beliefs or ())
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""
@@ -237,6 +245,8 @@ def _read(archive: zipfile.ZipFile, path: Source) -> tuple[Description, str]:
     if said.get("format") != FORMAT:
         _refuse(path, f"has format = {reprlib.repr(said.get('format'))}; this version reads {FORMAT}")
     fields: dict[str, Any] = {}
+    # Before there were filters nobody said that there were none.
+    said.setdefault("beliefs", None)
     for name, (allowed, check) in _FIELDS.items():
         if name not in said:
             _refuse(path, f"lacks {name}; it must be {allowed}")
@@ -371,6 +381,10 @@ _FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
         "null or an object with a scale and with gains, the name of a policy, or that of an agent's file in this one",
         lambda value: value is None or _is_residual(value),
     ),
+    "beliefs": (
+        "null or a list of the entries that filters add",
+        lambda value: value is None or (isinstance(value, list) and bool(value) and all(map(_is_text, value))),
+    ),
     "policy_sha256": (
         "the SHA-256 of policy.pth, 64 hexadecimal digits", lambda value: _is_text(value) and len(value) == 64
     ),
@@ -421,7 +435,7 @@ def read_policy(path: Source) -> tuple[Any, Description]:
         raise CommandError(
             f"policy {str(path)!r} was trained in {said.env!r}, whose observations are not this package's."
         )
-    entries = len(said.observation["entries"])
+    entries = said.seen
     seen = said.normalisation.observations if said.normalisation is not None else None
     if seen is not None and seen.mean.shape != (entries,):
         _refuse(path, f"has statistics of shape {seen.mean.shape} for {entries} entries; they must be of one length")

@@ -17,10 +17,9 @@ from uwoc_gym.agents.policies.registry import (
     gains_of_file,
     gains_path,
     load,
-    of_gains,
 )
 from uwoc_gym.baselines import GAINS
-from uwoc_gym.baselines.controllers import GainSet, plain
+from uwoc_gym.baselines.controllers import Tuned
 from uwoc_gym.baselines.gains import FORMER_NAMES
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.given import shown
@@ -70,7 +69,7 @@ def correction(given: str | Mapping[str, Any] | None, trust: bool = False) -> Co
 def _named(name: str, trust: bool) -> Correction:
     known = FORMER_NAMES.get(name, name)
     if known in GAINS:
-        return _of_gains(known, GAINS[known])
+        return _of_gains(known, Tuned.of(GAINS[known]))
     path = Path(name)
     if name not in POLICIES:
         gains = gains_path(path)
@@ -87,5 +86,5 @@ def _named(name: str, trust: bool) -> Correction:
     return Correction(load(name), {"policy": name})
 
 
-def _of_gains(name: str, gains: GainSet) -> Correction:
-    return Correction(of_gains(name, gains), {"gains": plain(gains)})
+def _of_gains(name: str, gains: Tuned) -> Correction:
+    return Correction(gains.policy(name), {"gains": gains.to_dict()})

@@ -31,19 +31,25 @@ DASHES: dict[str, tuple[float, ...]] = {
 }
 """Lengths of dashes and gaps in widths of the line, by the names that Plotly has for them."""
 
-# What a policy is, is a hue: PD warm, NLPD blue, PPO green and what corrects a controller pink. Whatever a colour says
-# is also said by dashes, for those who don't see it. Black and white are the ship's.
+# What a policy is, is a hue: PD warm, NLPD blue, LQR red, PPO green and what corrects a controller pink. Whatever a
+# colour says is also said by dashes, for those who don't see it. Black and white are the ship's.
 LOOKS: dict[str, Look] = {
     "pd": Look("#C77F00", "dashdot"),
     "pd-plain": Look("#8C6D4F", "dot"),
     "pd-tuned": Look("#D55E00", "dot"),
     "nlpd": Look("#2F93D1", "dash"),
     "nlpd-tuned": Look("#2F6BD6", "longdash"),
+    "lqr": Look("#C24A55", "dash"),
+    "ekf-pd": Look("#D2732A", "solid"),
     "ekf-nlpd": Look("#4F74C4", "solid"),
-    "los": Look("#A8622C", "solid"),
-    "los-tide": Look("#A3527C", "dashdot"),
+    "ekf-lqr": Look("#C9476A", "solid"),
+    "los": Look("#A8622C", "longdash"),
+    "mppi": Look("#7A6FBE", "solid"),
+    "clairvoyant": Look("#7D858C", "longdashdot"),
     "ppo": Look("#009E73", "solid"),
     "ppo-residual": Look("#CC5FA0", "longdashdot"),
+    "ppo-underactuated": Look("#2E9E4F", "longdash"),
+    "ppo-latefix": Look("#4C9A2A", "dashdot"),
     "ppo-one-frame": Look("#7F9400", "dash"),
     "td3": Look("#9461D8", "dot"),
 }
@@ -59,6 +65,9 @@ OTHERS = (
 )
 """Of all other policies, and of lines that aren't policies, in their order."""
 
+_TUNED = "dashdot"
+"""Line of what is tuned for a world."""
+
 PAPER = {
     "PD, as printed": "pd",
     "PD, as found": "pd-plain",
@@ -69,11 +78,17 @@ PAPER = {
 
 
 def looks(names: Iterable[str]) -> dict[str, Look]:
-    """The look of each policy; those that the package doesn't name take what is left, in their order."""
+    """The look of each policy; those that the package doesn't name take what is left, in their order.
+
+    What is tuned for a world, as law@world, has the law's colour and another line.
+    """
     found: dict[str, Look] = {}
     others = 0
     for name in dict.fromkeys(names):
-        own = LOOKS.get(PAPER.get(name, name))
+        law, _, world = PAPER.get(name, name).partition("@")
+        own = LOOKS.get(law)
+        if own is not None and world:
+            own = own._replace(dash=_TUNED if own.dash != _TUNED else "longdash")
         if own is None:
             own = OTHERS[others % len(OTHERS)]
             others += 1

@@ -13,7 +13,7 @@ from uwoc_gym.agents.modules import named_object
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.scenarios import json_object
-from uwoc_gym.baselines.controllers import CONTROLLERS, GainSet, gain_set, law
+from uwoc_gym.baselines.controllers import CONTROLLERS, Tuned
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.given import SettingError, closest, shown
 from uwoc_gym.scenario import Scenario
@@ -53,7 +53,7 @@ def load(name: str, trust: bool = False) -> Policy:
     path = Path(name)
     gains = gains_path(path)
     if gains is not None:
-        return of_gains(name, gains_of_file(gains))
+        return gains_of_file(gains).policy(name)
     if path.suffix == ".zip" or os.path.exists(name):
         if not saved.model_of(path).is_file():
             lack = f"the folder has no {saved.MODEL}" if path.is_dir() else "there is no such file"
@@ -98,13 +98,8 @@ def gains_path(path: Path) -> Path | None:
     return path if path.suffix == ".json" else None
 
 
-def of_gains(name: str, gains: GainSet) -> Policy:
-    """The controller with those gains."""
-    return Policy(name, f"controller with gains of {getattr(gains, 'source', 'its own')}", partial(law, gains))
-
-
-def gains_of_file(path: Path) -> GainSet:
-    """The gains in a .json file, such as a search has found.
+def gains_of_file(path: Path) -> Tuned:
+    """The law with the gains in a .json file, such as a search has found.
 
     Raises:
         CommandError: It can't be read, or doesn't hold gains.
@@ -112,14 +107,14 @@ def gains_of_file(path: Path) -> GainSet:
     return gains_of(json_object(str(path), file=True), f"gains {shown(str(path))}")
 
 
-def gains_of(given: Mapping[str, Any], name: str) -> GainSet:
-    """The gains that a mapping says; errors call it by the name.
+def gains_of(given: Mapping[str, Any], name: str) -> Tuned:
+    """The law with the gains that a mapping says; errors call it by the name.
 
     Raises:
         CommandError: A gain is unknown, missing or not allowed.
     """
     try:
-        return gain_set(given)
+        return Tuned.from_dict(given)
     except SettingError as error:
         raise CommandError(f"{name} is not allowed; {error}") from None
 

@@ -15,7 +15,8 @@ from uwoc_gym.agents.policies import archive, foreign
 from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.archive import Description, Normalisation, Source
-from uwoc_gym.baselines.controllers import gain_set, law
+from uwoc_gym.baselines.beliefs import Beliefs
+from uwoc_gym.baselines.controllers import Tuned
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.scenario import Scenario
@@ -59,6 +60,7 @@ def describe(
         frame_stack=values["frame_stack"],
         normalisation=normalisation,
         residual=residual,
+        beliefs=list(Beliefs(scenario.known()).names) if values["filtered"] and scenario is not None else None,
     )
 
 
@@ -151,21 +153,37 @@ def _built(name: str, parts: _Parts, find: Find, scenario: Scenario, trust: bool
     description = parts.description
     assert description.observation is not None
     _check_layout(name, description.observation, scenario)
+    beliefs = None if description.beliefs is None else _beliefs(name, description.beliefs, scenario)
     residual = description.residual
     if residual is None:
-        return Agent(parts.policy, parts.normalise, description.frame_stack)
+        return Agent(parts.policy, parts.normalise, description.frame_stack, beliefs=beliefs)
     try:
         controller = _corrected(name, residual, parts.corrected, find, scenario, trust)
-        return Agent(parts.policy, parts.normalise, description.frame_stack, controller, residual["scale"])
+        return Agent(parts.policy, parts.normalise, description.frame_stack, controller, residual["scale"], beliefs)
     except (SettingError, TypeError, KeyError) as error:
         raise CommandError(f"policy {name!r} has a residual that is not allowed: {error}") from None
+
+
+def _beliefs(name: str, told: list[str], scenario: Scenario) -> Beliefs:
+    """The filters of an agent that was trained behind some.
+
+    Raises:
+        CommandError: They add other entries than they did in training.
+    """
+    found = Beliefs(scenario)
+    if list(found.names) != told:
+        raise CommandError(
+            f"policy {name!r} was trained behind filters that add {', '.join(told)}; here they add "
+            f"{', '.join(found.names)}."
+        )
+    return found
 
 
 def _corrected(
     name: str, residual: Mapping[str, Any], agent: _Parts | None, find: Find, scenario: Scenario, trust: bool
 ) -> Predictor:
     if "gains" in residual:
-        return law(gain_set(residual["gains"]), scenario)
+        return Tuned.from_dict(residual["gains"]).policy(name).make(scenario)
     if agent is not None:
         return _built(f"{name}, {archive.CORRECTED}", agent, find, scenario, trust)
     told = residual["policy"]

@@ -1,8 +1,9 @@
 """The card beside each shipped agent: how to load it, what it was trained on, what it scores, and where it loses.
 
-    python -m uwoc_gym.agents.reports.cards RESULTS
+    python -m uwoc_gym.agents.reports.cards RESULTS [RESULTS ...]
 
-writes the cards anew from the ``results.json`` of `uwoc-gym benchmark --seeds 200`, and keeps its figures beside them.
+writes the cards anew from the folders of `uwoc-gym benchmark --seeds 200`, such as that of the default benchmark and
+that of the slow policies, and keeps their figures beside them.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.flight import possible
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
-from uwoc_gym.agents.policies.registry import TRAINED, shipped
+from uwoc_gym.agents.policies.registry import POLICIES, TRAINED, shipped
 from uwoc_gym.agents.reports import files, statistics, tables
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
@@ -47,18 +49,6 @@ _KEPT = ("return", *_COMPARED, "lost")
 """The measures that are kept."""
 
 
-def kept(results: Mapping[str, Any]) -> dict[str, Any]:
-    """What is kept of a benchmark's ``results.json``."""
-    return {
-        "command": results["command"],
-        "versions": results["versions"],
-        "scenarios": results["scenarios"],
-        "results": [
-            {**entry, "measures": {key: entry["measures"][key] for key in _KEPT}} for entry in results["results"]
-        ],
-    }
-
-
 def verdict(against: Mapping[str, Any]) -> str:
     """Whether a policy is "ahead" of another in return, "behind", or "even": its interval holds no difference."""
     value, low, high = (against["difference"][key] for key in ("value", "low", "high"))
@@ -83,7 +73,7 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
         name: Its name.
         description: What it is, in a line.
         trained: The ``results.json`` of its training.
-        scores: What `kept` keeps.
+        scores: What `read` gives.
         model: Its file.
     """
     said = archive.read(model)
@@ -92,11 +82,14 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
     best = trained["best"]["return"]
     practice = trained["settings"].get("env_kwargs", {}).get("scenario")
     sees = f"the last {said.frame_stack} observations, oldest first, zeros before the first"
+    world = ENV_IDS[said.env]
+    home = Scenario.named(world)
     parts = [
         f"# {name}",
         f"{description}. Written by `python -m uwoc_gym.agents.reports.cards`; don't edit.",
         "## How to load it",
         f"It sees {sees if said.frame_stack > 1 else 'one observation'}"
+        + (" with what filters believe behind each of them" if said.beliefs else "")
         + (f", and corrects {_corrected(said.residual)}" if said.residual is not None else "")
         + ". `uwoc_gym.agents.load` rebuilds all of that, and runs nothing that is in the file:",
         _block(
@@ -104,8 +97,8 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
             "import numpy as np",
             "from uwoc_gym.agents import load",
             "",
-            'env = gym.make("uwoc_gym:uwoc/Random-v0")',
-            f'policy = load("{name}", "Random")',
+            f'env = gym.make("uwoc_gym:{said.env}")',
+            f'policy = load("{name}", "{world}")',
             "observation, info = env.reset(seed=0)",
             "memory, begun, total, ended = None, np.array([True]), 0.0, False",
             "while not ended:",
@@ -115,7 +108,7 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
             "print(total)",
         ),
         *_plain_sb3(name, said),
-        f"From a shell: `uwoc-gym benchmark --policy {name} nlpd-tuned --scenario Random`.",
+        f"From a shell: `uwoc-gym benchmark --policy {name} {REFERENCE} --scenario {world}`.",
         "## What it was trained on",
         "\n".join(
             [
@@ -127,12 +120,13 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
                 + (tables.code(json.dumps(practice)) + "." if practice else "nothing."),
                 "- It is the checkpoint, and of its group's trainings the one, with the best return on "
                 f"{best['episodes']} validation seeds: {statistics.text(best, 1)}. The seeds below are others.",
-                "- It takes the 20 observations and 3 actions of the IDs below, at their control periods, and has only "
-                "ever flown in this simulation.",
+                f"- It takes the {home.observation.size} observations and {len(home.actions)} actions of the IDs "
+                "below, at their control periods, and has only ever flown in this simulation.",
             ]
         ),
         "## What it scores",
-        f"By {tables.code(scores['command'])}, on held-out seeds. In brackets: 95 % bootstrap intervals over seeds, of "
+        f"By {' and '.join(map(tables.code, scores['commands']))}, on held-out seeds. "
+        "In brackets: 95 % bootstrap intervals over seeds, of "
         "this one training; where an ID draws nothing, one episode is all there is. Difference and probability: in "
         f"return against `{REFERENCE}`, episode by episode.",
         tables.grid(
@@ -189,13 +183,17 @@ def _corrected(residual: Mapping[str, Any]) -> str:
 def _plain_sb3(name: str, said: archive.Description) -> list[str]:
     """How Stable-Baselines3 alone loads it, where it can."""
     algorithm, module = ALGORITHMS[said.algorithm][:2]
-    if said.residual is not None:
-        return [
-            f"`{algorithm}.load` of Stable-Baselines3 reads `model.zip`, but gives the correction alone, which is "
-            "nothing without what it corrects."
-        ]
+    for lacks, alone, without in (
+        (said.residual, "the correction", "what it corrects"),
+        (said.beliefs, "the network", "the filters that it stands behind"),
+    ):
+        if lacks is not None:
+            return [
+                f"`{algorithm}.load` of Stable-Baselines3 reads `model.zip`, but gives {alone} alone, which is nothing "
+                f"without {without}."
+            ]
     stacked = said.frame_stack > 1
-    env = 'TrackingVecEnv("uwoc/Random-v0", n_envs=8, seed=0)'
+    env = f'TrackingVecEnv("{said.env}", n_envs=8, seed=0)'
     return [
         f"`{algorithm}.load` of Stable-Baselines3 gives the network"
         + (
@@ -254,13 +252,12 @@ def _worse(own: Mapping[str, Any], other: Mapping[str, Any], sense: float) -> bo
     return bool(ends[0][0] > ends[1][1] + 1e-3 * abs(other["mean"]))
 
 
-def write(results: Mapping[str, Any], folder: Path = TRAINED) -> list[Path]:
+def write(scores: Mapping[str, Any], folder: Path = TRAINED) -> list[Path]:
     """Write the cards of a folder's agents, and the figures that they are from; returns the paths of the cards.
 
     Raises:
         CommandError: An agent, or what it is compared with, isn't among the results.
     """
-    scores = kept(results)
     agents = shipped(folder)
     flown = {entry["policy"] for entry in scores["results"]}
     missing = sorted({*agents, REFERENCE} - flown)
@@ -268,7 +265,7 @@ def write(results: Mapping[str, Any], folder: Path = TRAINED) -> list[Path]:
         raise CommandError(f"the results lack {', '.join(missing)}; fly them all: uwoc-gym benchmark --seeds 200.")
     texts = {}
     for name, policy in agents.items():
-        trained = files.read_json(folder / name / "results.json")
+        trained = files.read_json(folder / name / files.RESULTS)
         texts[folder / name / CARD] = card(name, policy.description, trained, scores, folder / name / saved.MODEL)
     files.write_json(folder / SCORES.name, scores)
     for path, text in texts.items():
@@ -276,28 +273,64 @@ def write(results: Mapping[str, Any], folder: Path = TRAINED) -> list[Path]:
     return list(texts)
 
 
-def read(path: Path) -> dict[str, Any]:
-    """A benchmark's ``results.json`` that cards may be written from.
+def read(paths: Sequence[Path]) -> dict[str, Any]:
+    """What cards are written from: the results of benchmarks, taken together.
+
+    Args:
+        paths: The folders of benchmarks, or the ``results.json`` in them, beside their ``episodes.csv``.
 
     Raises:
-        CommandError: It can't be read, is of something else, or of less than cards tell of: all seeds and all IDs.
+        CommandError: One can't be read, or is of something else; two are of the same flights; or all together are of
+            less than cards tell of: all seeds and all IDs.
     """
-    results = files.read_json(path)
-    if not _of_a_benchmark(results):
-        raise CommandError(f"{str(path)!r} is not allowed; it must be the results.json of uwoc-gym benchmark.")
-    todays = {name: Scenario.named(name).digest() for name in ENV_IDS.values()}
-    for wrong, what in (
-        (results["finished"] is not True, "a benchmark that was interrupted"),
-        (bool(results["settings"].get("wrappers")), "flights in wrappers"),
-        (results["settings"]["seeds"] != list(SEEDS), f"other seeds than {SEEDS[0]} to {SEEDS[-1]}"),
-        (results["scenarios"] != todays, "other scenarios than the IDs' own, all of them"),
-    ):
-        if wrong:
-            raise CommandError(
-                f"{str(path)!r} is of {what}; cards are of all held-out seeds of every ID: uwoc-gym benchmark "
-                f"--seeds {len(SEEDS)} --out results."
+    todays = {name: Scenario.named(name) for name in ENV_IDS.values()}
+    digests = {name: scenario.digest() for name, scenario in todays.items()}
+    found: dict[tuple[str, str], tables.Result] = {}
+    every = []
+    for path in paths:
+        folder = path if path.is_dir() else path.parent
+        results = files.read_json(folder / files.RESULTS)
+        if not _of_a_benchmark(results):
+            raise CommandError(f"{str(path)!r} is not allowed; it must be the results of uwoc-gym benchmark.")
+        every.append(results)
+        for wrong, what in (
+            (results["finished"] is not True, "a benchmark that was interrupted"),
+            (bool(results["settings"].get("wrappers")), "flights in wrappers"),
+            (results["settings"]["seeds"] != list(SEEDS), f"other seeds than {SEEDS[0]} to {SEEDS[-1]}"),
+            (not results["scenarios"].items() <= digests.items(), "other scenarios than the IDs' own"),
+        ):
+            if wrong:
+                raise _unfit(path, what)
+        episodes = files.read_episodes(folder / files.EPISODES) if results["results"] else {}
+        for entry in results["results"]:
+            key = entry["scenario"], entry["policy"]
+            if key in found:
+                raise CommandError(f"{str(path)!r} has {key[1]} in {key[0]}, which others of the results have too.")
+            if len(episodes.get(key, ())) != entry["episodes"]:
+                raise CommandError(f"{str(folder / files.EPISODES)!r} lacks episodes of {key[1]} in {key[0]}.")
+            found[key] = tables.Result(
+                *key, episodes[key], entry["one_episode_stands_for_all_seeds"], possible(todays[key[0]])
             )
-    return results  # type: ignore[no-any-return]
+    if lacking := sorted(digests.keys() - {scenario for scenario, _ in found}):
+        raise _unfit(paths[0], f"fewer scenarios than the IDs': {', '.join(lacking)} are missing")
+    order = [*POLICIES, *(policy for _, policy in found)]
+    ordered = [found[key] for key in sorted(found, key=lambda key: ([*todays].index(key[0]), order.index(key[1])))]
+    return {
+        "commands": [results["command"] for results in every],
+        "versions": every[0]["versions"],
+        "scenarios": digests,
+        "results": [
+            {**entry, "measures": {key: entry["measures"][key] for key in _KEPT}}
+            for entry in tables.results_data(ordered, SEEDS[0])
+        ],
+    }
+
+
+def _unfit(path: Path, what: str) -> CommandError:
+    return CommandError(
+        f"{str(path)!r} is of {what}; cards are of all held-out seeds of every ID: uwoc-gym benchmark "
+        f"--seeds {len(SEEDS)} --out results."
+    )
 
 
 def _of_a_benchmark(results: Any) -> bool:
@@ -310,22 +343,19 @@ def _of_a_benchmark(results: Any) -> bool:
     if not isinstance(settings.get("seeds"), list) or not isinstance(settings.get("policies"), list):
         return False
     return all(
-        isinstance(entry, dict)
-        and {"scenario", "policy", "episodes", "return_worst", "against", "measures"} <= set(entry)
-        and isinstance(entry["measures"], dict)
-        and set(_KEPT) <= set(entry["measures"])
+        isinstance(entry, dict) and {"scenario", "policy", "episodes", "one_episode_stands_for_all_seeds"} <= set(entry)
         for entry in results["results"]
     )
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Write the cards from a results.json; returns the exit status."""
-    if len(arguments) != 1:
-        usage = "usage: python -m uwoc_gym.agents.reports.cards RESULTS, a results.json of uwoc-gym benchmark"
+    """Write the cards from the folders of benchmarks; returns the exit status."""
+    if not arguments:
+        usage = "usage: python -m uwoc_gym.agents.reports.cards RESULTS [RESULTS ...], folders of uwoc-gym benchmark"
         print(usage, file=sys.stderr)
         return 2
     try:
-        for written in write(read(Path(arguments[0]))):
+        for written in write(read([*map(Path, arguments)])):
             print(written)
     except CommandError as error:
         print(f"cards: {error}", file=sys.stderr)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents.flight import Series
+from uwoc_gym.agents.flight import Series, possible
 from uwoc_gym.agents.policies.looks import DASHES, OTHERS, Look, looks
 from uwoc_gym.agents.reports import statistics, tables
 from uwoc_gym.agents.reports.files import whole
@@ -271,7 +271,7 @@ def profiles(
         scenario: The scenario, for the highest possible return.
         wrappers: Name and options of what stood around the environments, for the title.
     """
-    most = scenario.episode.steps * scenario.reward.bounds[1]
+    most = possible(scenario)
     shares = {policy: np.asarray(values).ravel() / most for policy, values in returns.items()}
     every = np.concatenate(list(shares.values()))
     levels = np.linspace(float(every.min()), float(every.max()), 400)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import importlib.metadata
+import io
 import json
 import math
 import os
@@ -276,17 +277,57 @@ def write_results(
     head = {"command": command, "versions": versions(), "scenarios": digests}
     taken = head.keys() & document.keys()
     assert not taken, taken
-    write_json(folder / "results.json", {**head, **document})
+    write_json(folder / RESULTS, {**head, **document})
+
+
+RESULTS = "results.json"
+"""What `write_results` writes."""
+
+EPISODES = "episodes.csv"
+"""What an `EpisodesFile` is called."""
+
+
+def read_episodes(path: Path) -> dict[tuple[str, str], list[dict[str, float]]]:
+    """The measures of all episodes in an `EpisodesFile`, by scenario and policy, in its order; without what was drawn.
+
+    Raises:
+        CommandError: It can't be read, or is of something else.
+    """
+    found: dict[tuple[str, str], list[dict[str, float]]] = {}
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CommandError(f"{str(path)!r} can't be read: {error}") from None
+    with io.StringIO(text, newline="") as file:
+        reader = csv.DictReader(file)
+        own = [key for key in reader.fieldnames or () if key not in _NAMES and not key.startswith(_DRAWN)]
+        if not {*_NAMES} <= set(reader.fieldnames or ()):
+            raise CommandError(f"{str(path)!r} is not allowed; it must be the {EPISODES} of uwoc-gym benchmark.")
+        for row in reader:
+            try:
+                measures = {key: float(row[key]) for key in own}
+            except (TypeError, ValueError):
+                raise CommandError(f"{str(path)!r} is not allowed; line {reader.line_num} isn't an episode.") from None
+            found.setdefault((row["scenario"], row["policy"]), []).append(measures)
+    return found
+
+
+_NAMES, _DRAWN = ("scenario", "policy", "seed"), "drawn."
 
 
 class EpisodesFile:
     """A CSV file with one row per episode, which keeps what has been appended whatever happens next.
 
     It is there from the first episode on.
+
+    Args:
+        path: Where it goes.
+        drawn: Paths of what episodes may have drawn, each a column ``drawn.<path>``.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, drawn: Sequence[str] = ()) -> None:
         self._path = path
+        self._drawn = drawn
         self._file: TextIO | None = None
         self._writer: Any = None
 
@@ -300,8 +341,15 @@ class EpisodesFile:
             with named(self._path):
                 self._file.close()
 
-    def append(self, scenario: str, policy: str, seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
-        """Add finished episodes."""
+    def append(
+        self,
+        scenario: str,
+        policy: str,
+        seeds: Sequence[int],
+        rows: Sequence[Mapping[str, float]],
+        drawn: Sequence[Mapping[str, float | str]],
+    ) -> None:
+        """Add finished episodes: their measures, and what each has drawn, which leaves a cell empty where it hasn't."""
         if not rows:
             return
         with named(self._path):
@@ -309,7 +357,12 @@ class EpisodesFile:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
                 self._file = self._path.open("w", newline="", encoding="utf-8")
                 self._writer = csv.writer(self._file)
-                self._writer.writerow(["scenario", "policy", "seed", *rows[0]])
-            for seed, row in zip(seeds, rows, strict=True):
-                self._writer.writerow([scenario, policy, seed, *(repr(value) for value in row.values())])
+                columns = (f"{_DRAWN}{path}" for path in self._drawn)
+                self._writer.writerow([*_NAMES, *rows[0], *columns])
+            for seed, row, own in zip(seeds, rows, drawn, strict=True):
+                cells = (own.get(path, "") for path in self._drawn)
+                self._writer.writerow(
+                    [scenario, policy, seed, *map(repr, row.values())]
+                    + [cell if isinstance(cell, str) else repr(cell) for cell in cells]
+                )
             self._file.flush()

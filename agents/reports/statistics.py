@@ -73,6 +73,43 @@ def worst_share(scores: npt.ArrayLike, share: float = 0.05) -> Array:
     return np.asarray(ordered[..., : max(1, round(share * ordered.shape[-1]))].mean(axis=-1))
 
 
+def median(scores: npt.ArrayLike) -> Array:
+    """Median of the scores along the last axis."""
+    return np.asarray(np.median(np.asarray(scores, dtype=float), axis=-1))
+
+
+def share_of_the_way(
+    scores: npt.ArrayLike, start: npt.ArrayLike, end: npt.ArrayLike, rng: np.random.Generator
+) -> Estimate:
+    """How far from one policy's mean to another's a policy's mean lies: 0 at the first, 1 at the second.
+
+    Args:
+        scores: Shape (R, S), training seeds by scenario seeds, or (S,).
+        start: Of the policy at which the way begins, in the same S scenario seeds, shape (S,).
+        end: Of the policy at which it ends, shape (S,).
+        rng: Draws the resamples, of trainings and of episodes, in which all three flew.
+
+    Returns:
+        nan where the second policy isn't ahead of the first, so that there is no way.
+    """
+    matrix = np.atleast_2d(np.asarray(scores, dtype=float))
+    flat, first, last = matrix.ravel(), np.ravel(start), np.ravel(end)
+    size = matrix.shape[1]
+    gained, whole = float(mean(flat) - mean(first)), float(mean(last) - mean(first))
+    if not whole > 0.0:
+        return Estimate(math.nan, math.nan, math.nan)
+
+    def of_places(chosen: Array) -> Array:
+        places = chosen.astype(np.int64)
+        begin = mean(first[places % size])
+        length = mean(last[places % size]) - begin
+        # A resample may have no way at all.
+        there = length != 0.0
+        return np.where(there, (mean(flat[places]) - begin) / np.where(there, length, 1.0), gained / whole)
+
+    return estimate(np.arange(matrix.size).reshape(matrix.shape), of_places, rng)
+
+
 def improvement(differences: npt.ArrayLike) -> Array:
     """Probability that a score is higher than its partner's, from paired differences; equal ones count half."""
     array = np.asarray(differences, dtype=float)

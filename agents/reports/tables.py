@@ -6,13 +6,15 @@ import json
 import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.reports import statistics
+from uwoc_gym.metrics import AFTERMATH_S, PARTS
+from uwoc_gym.task.reward import RewardSettings
 
 
 class Measure(NamedTuple):
@@ -48,6 +50,66 @@ MEASURES = (
 """The rows of the table, by the keys of an episode's row."""
 
 
+class Loss(NamedTuple):
+    """A part of what episodes lack of the possible return, and what a table calls it."""
+
+    key: str
+    heading: str
+
+
+LOSSES = (
+    Loss("loss", "loss"),
+    *(Loss(f"loss_{part}", f"loss: {part}") for part in PARTS),
+    *(Loss(f"loss_{term}", f"loss: {term.replace('_', ' ')}") for term in RewardSettings().highest),
+)
+"""All of it, its parts by when it is lost, and its parts by term of the reward, by the keys of an episode's row."""
+
+
+def losses(scores: Mapping[str, npt.ArrayLike]) -> dict[str, float] | None:
+    """The mean of each of `LOSSES` over episodes, by its key; None where episodes don't say."""
+    if not all(loss.key in scores for loss in LOSSES):
+        return None
+    return {loss.key: float(np.mean(np.asarray(scores[loss.key], dtype=float))) for loss in LOSSES}
+
+
+def loss_lines(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """A line per loss, with a cell for each entry's ``losses``; none where no entry has any."""
+    if not any(entry["losses"] for entry in entries):
+        return []
+    return [
+        [loss.heading, *(f"{entry['losses'][loss.key]:.1f}" if entry["losses"] else "" for entry in entries)]
+        for loss in LOSSES
+    ]
+
+
+YARDSTICK = "clairvoyant"
+"""What shows how much is possible."""
+
+
+class Way(NamedTuple):
+    """From where to where a policy's share of the way is reckoned."""
+
+    start: str
+    end: str
+
+
+def way(scenario: str, flown: Container[str]) -> Way | None:
+    """The way from the tuned NLPD to the yardstick, each as it was tuned in that scenario if that flew; else None.
+
+    Args:
+        scenario: The scenario's name.
+        flown: The policies that flew it.
+    """
+    starts = [name for name in (f"nlpd@{scenario}", "nlpd-tuned") if name in flown]
+    ends = [name for name in (f"{YARDSTICK}@{scenario}", YARDSTICK) if name in flown]
+    return Way(starts[0], ends[0]) if starts and ends else None
+
+
+def below_half(loss: npt.ArrayLike, possible: float) -> npt.NDArray[np.bool_]:
+    """Which episodes reach less than half of the possible return, by what they lack of it."""
+    return np.asarray(loss, dtype=float) > 0.5 * possible
+
+
 def summaries(scores: Mapping[str, npt.ArrayLike], seed: int) -> dict[str, dict[str, Any]]:
     """Each of `MEASURES` over episodes, by its key, as plain data.
 
@@ -76,6 +138,8 @@ class Result(NamedTuple):
     rows: list[dict[str, float]]
     collapsed: bool
     """Whether one episode stands for all seeds, because they don't differ."""
+    possible: float = math.nan
+    """The highest return that an episode can have."""
 
 
 def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tuned") -> list[dict[str, Any]]:
@@ -87,6 +151,7 @@ def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tu
         reference: The policy that others are compared with, episode by episode, where it flew the same ones.
     """
     partners = {result.scenario: result for result in results if result.policy == reference}
+    flown = {(result.scenario, result.policy): result for result in results}
     return [
         {
             "scenario": result.scenario,
@@ -94,11 +159,38 @@ def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tu
             "episodes": len(result.rows),
             "one_episode_stands_for_all_seeds": result.collapsed,
             "measures": summaries(columns(result.rows), seed),
+            "return_median": float(statistics.median([row["return"] for row in result.rows])),
             "return_worst": float(statistics.worst_share([row["return"] for row in result.rows])),
+            "possible": result.possible,
+            "below_half": _below_half(result),
+            "losses": losses(columns(result.rows)),
+            "way": _way(result, flown, seed),
             "against": _against(result, partners.get(result.scenario), seed),
         }
         for result in results
     ]
+
+
+def _below_half(result: Result) -> float | None:
+    """The share of episodes below half of the possible return; None where they don't say what they lack."""
+    if math.isnan(result.possible) or not all("loss" in row for row in result.rows):
+        return None
+    return float(below_half([row["loss"] for row in result.rows], result.possible).mean())
+
+
+def _way(result: Result, flown: Mapping[tuple[str, str], Result], seed: int) -> dict[str, Any] | None:
+    """A policy's share of the way to the yardstick; None where the ends of the way didn't fly the same episodes."""
+    found = way(result.scenario, [policy for scenario, policy in flown if scenario == result.scenario])
+    if found is None:
+        return None
+    returns, start, end = (
+        [row["return"] for row in each.rows]
+        for each in (result, flown[result.scenario, found.start], flown[result.scenario, found.end])
+    )
+    if not len(returns) == len(start) == len(end):
+        return None
+    share = statistics.share_of_the_way(returns, start, end, np.random.default_rng(seed))
+    return {"from": found.start, "to": found.end, "share": share._asdict()}
 
 
 def _against(result: Result, partner: Result | None, seed: int) -> dict[str, Any] | None:
@@ -140,7 +232,11 @@ def wrapped(wrappers: Sequence[Mapping[str, Any]]) -> str:
     return f"wrapped in {', in '.join(each)}" if wrappers else ""
 
 
-def table(data: Sequence[Mapping[str, Any]], wrappers: Sequence[Mapping[str, Any]] = ()) -> str:
+def table(
+    data: Sequence[Mapping[str, Any]],
+    wrappers: Sequence[Mapping[str, Any]] = (),
+    microseconds: Mapping[str, Mapping[str, float]] | None = None,
+) -> str:
     """The results as Markdown, no wider than a terminal.
 
     First, of several scenarios, every return at a glance; then for each scenario a row per policy, the measures in as
@@ -149,6 +245,7 @@ def table(data: Sequence[Mapping[str, Any]], wrappers: Sequence[Mapping[str, Any
     Args:
         data: What `results_data` gives.
         wrappers: Name and options of what stood around the environments, the first innermost.
+        microseconds: How long a decision took, by scenario and policy.
     """
     scenarios = list(dict.fromkeys(entry["scenario"] for entry in data))
     parts = []
@@ -162,6 +259,8 @@ def table(data: Sequence[Mapping[str, Any]], wrappers: Sequence[Mapping[str, Any
                 "\nNothing in this scenario is drawn at random: where it says 1 episode, every seed gives the same.\n"
             )
         parts.append(text)
+    if microseconds:
+        parts.append(f"### Microseconds a decision\n\n{narrow(*_decisions(microseconds))}\n")
     if wrappers:
         there = "returns are what is paid there, all else is of the true states behind."
         parts.append(f"{textwrap.fill(f'Flown {escaped(wrapped(wrappers))}: {there}', WIDTH)}\n")
@@ -174,23 +273,50 @@ _NOTES = (
     "good, or until the first disturbance; Δt: from leaving the cone after the first disturbance to being back "
     "for good, 0 without an outage; RMSE: from arrival on; availability: share of time inside; effort: RMS of "
     "force over limit. (m of n never): in m of n episodes it doesn't come to that; the mean is over the others. "
-    "(k of n): the measure applies to k of n episodes; –: to none. return − X: mean of the difference in return, "
+    "(k of n): the measure applies to k of n episodes; –: to none. worst 5 %: mean of the lowest twentieth of the "
+    "returns; below half: share of episodes that reach less than half of the possible return. loss: what is missing "
+    f"of that; arrival: until first inside the cone; disturbances: while a pulse acts, {AFTERMATH_S:g} s from then on, "
+    "and until the outage that is left behind is over; rest: at all other times; and by term of the reward. way to X: "
+    "share of the way in return from the tuned NLPD, of this world if it flew, to X. A decision: the mean time of one "
+    "on one observation, while other flights were under way. return − X: mean of the difference in return, "
     "episode by episode; P(> X): probability that an episode's return is the higher one. At a glance, the highest "
     "return of a scenario is **bold**."
 )
 
 
 def headline(data: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Header and lines of a table with a row per scenario and a column per policy: its return, the highest bold."""
-    policies = list(dict.fromkeys(entry["policy"] for entry in data))
-    lines = []
-    for scenario in dict.fromkeys(entry["scenario"] for entry in data):
-        own = {entry["policy"]: entry["measures"]["return"] for entry in data if entry["scenario"] == scenario}
-        best = max(own, key=lambda policy: -math.inf if own[policy]["mean"] is None else own[policy]["mean"])
-        cells = {policy: statistics.text(found, 1) for policy, found in own.items()}
-        cells[best] = f"**{cells[best]}**"
-        lines.append([escaped(scenario), *(cells.get(policy, "") for policy in policies)])
-    return ["", *map(escaped, policies)], lines
+    """Header and lines of a table with a row per policy and a column per scenario: its return, the highest bold.
+
+    What is tuned in the scenario that it flies, as law@scenario, shares a row with its like, below the law itself. The
+    yardstick comes last and isn't bold.
+    """
+    scenarios = list(dict.fromkeys(entry["scenario"] for entry in data))
+    cells: dict[str, dict[str, str]] = {}
+    highest: dict[str, tuple[float, str]] = {}
+    for entry in data:
+        scenario, policy, found = entry["scenario"], entry["policy"], entry["measures"]["return"]
+        law, _, world = policy.partition("@")
+        row = f"{law}@{_HERE}" if world == scenario else policy
+        cells.setdefault(row, {})[scenario] = statistics.text(found, 1)
+        if law != YARDSTICK and found["mean"] is not None:
+            highest[scenario] = max(highest.get(scenario, (-math.inf, "")), (found["mean"], row))
+    for scenario, (_, row) in highest.items():
+        cells[row][scenario] = f"**{cells[row][scenario]}**"
+    first = list(cells)
+
+    def place(row: str) -> tuple[bool, int, bool]:
+        law = row.partition("@")[0]
+        return law == YARDSTICK, first.index(law if law in cells else row), row != law
+
+    lines = [
+        [escaped(_short(row)), *(cells[row].get(scenario, "") for scenario in scenarios)]
+        for row in sorted(first, key=place)
+    ]
+    return ["", *map(escaped, scenarios)], lines
+
+
+_HERE = "here"
+"""What stands after @ in a row of what is tuned in the scenario of each column."""
 
 
 def _scenario(own: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
@@ -198,7 +324,15 @@ def _scenario(own: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[st
     columns = {"episodes": [str(entry["episodes"]) for entry in own]}
     measures = measure_lines(own)
     columns["return"] = measures[0][1:]
-    columns["return, worst 5 %"] = [f"{entry['return_worst']:.1f}" for entry in own]
+    columns["median"] = [f"{entry['return_median']:.1f}" for entry in own]
+    columns["worst 5 %"] = [f"{entry['return_worst']:.1f}" for entry in own]
+    if any(entry["below_half"] is not None for entry in own):
+        columns["below half"] = ["" if entry["below_half"] is None else f"{entry['below_half']:.3f}" for entry in own]
+    yardstick = next((entry["way"]["to"] for entry in own if entry["way"]), None)
+    if yardstick is not None:
+        columns[f"way to {escaped(yardstick)}"] = [
+            statistics.text(entry["way"]["share"], 2) if entry["way"] else "" for entry in own
+        ]
     partner = next((entry["against"]["policy"] for entry in own if entry["against"]), None)
     if partner is not None:
         name = escaped(partner)
@@ -206,9 +340,20 @@ def _scenario(own: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[st
             columns[label] = [
                 statistics.text(entry["against"][key], digits) if entry["against"] else "" for entry in own
             ]
+    columns |= {heading: cells for heading, *cells in loss_lines(own)}
     columns |= {heading: cells for heading, *cells in measures[1:]}
     rows = zip(*columns.values(), strict=True)
     return ["", *columns], [[escaped(_short(entry["policy"])), *cells] for entry, cells in zip(own, rows, strict=True)]
+
+
+def _decisions(microseconds: Mapping[str, Mapping[str, float]]) -> tuple[list[str], list[list[str]]]:
+    """Header and lines of a table with a row for each policy and a column for each scenario."""
+    policies = dict.fromkeys(policy for own in microseconds.values() for policy in own)
+    lines = [
+        [escaped(_short(policy)), *(f"{own[policy]:.0f}" if policy in own else "" for own in microseconds.values())]
+        for policy in policies
+    ]
+    return ["", *map(escaped, microseconds)], lines
 
 
 def _short(name: str, most: int = 40) -> str:

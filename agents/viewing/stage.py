@@ -33,8 +33,8 @@ class Pilot:
         wrapping: Wrapping = PLAIN,
     ) -> None:
         self._policy = policy
-        self._predictor = policy.pilot(scenario)
         self.env = single_env(scenario)
+        self._predictor = policy.pilot(scenario, self.env)
         self._period_s, self._steps = scenario.episode.control_period_s, 0
         self._wrapping = wrapping
         self._seen = wrapping.around(self.env)

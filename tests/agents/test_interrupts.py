@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,26 @@ def _interrupted(command: str, number: int, folder: Path, group: bool, wait_s: f
     until(lambda: begun(out) and _hears(process, signal.SIGTERM), process)
     time.sleep(wait_s)
     (os.killpg if group else os.kill)(process.pid, number)
-    return end(process)
+    ended = end(process)
+    if command == "benchmark":
+        # Those that flew for it have ended too; who watches over their shared memory ends once they have.
+        latest = time.monotonic() + 20.0
+        while _alive(process.pid) and time.monotonic() < latest:
+            time.sleep(0.1)
+        assert _alive(process.pid) == []
+    return ended
+
+
+def _alive(group: int) -> list[str]:
+    """The processes of a group that haven't ended, by name and state."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            name, _, rest = path.read_text().rpartition(")")
+            state, _, own = rest.split()[:3]
+            if int(own) == group and state != "Z":
+                found.append(f"{name}) {state}")
+    return found
 
 
 def test_all_commands_that_take_long_are_interrupted() -> None:

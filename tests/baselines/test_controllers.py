@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,7 +14,8 @@ import pytest
 from uwoc_gym import Scenario, SettingError, unpack
 from uwoc_gym.baselines import GAINS, Controller, Gains, NLPDController, PDController, gains
 from uwoc_gym.baselines.controller import gain
-from uwoc_gym.baselines.controllers import CONTROLLERS
+from uwoc_gym.baselines.controllers import CONTROLLERS, KINDS, TUNED, Tuned, begun, tuned_for
+from uwoc_gym.scenario import SCENARIOS
 from uwoc_gym.sim.fleet import Fleet
 from uwoc_gym.sim.layout import FLAGS, OUT_ROWS
 
@@ -331,3 +334,37 @@ def test_feedforward_is_against_the_water_that_a_filter_believes_in():
     # The ship and the AUV lie still in water that flows from ahead at 0.5 m/s.
     held = law.force_for(seen._replace(water_velocity=np.array([-0.5, 0.0])))
     np.testing.assert_allclose(held, [(70.0 + 100.0 * 0.5) * 0.5, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("law", KINDS)
+def test_what_a_law_is_set_by_is_written_and_read_again(law: str) -> None:
+    kind = KINDS[law].gains
+    for own in (Tuned(law, gains("nlpd-tuned") if kind is Gains else kind(), "a search"), begun(law)):
+        again = Tuned.from_dict(json.loads(json.dumps(own.to_dict())))
+        assert again.law == law
+        assert again.to_dict() == own.to_dict()
+
+
+def test_gains_say_by_their_names_what_flies_them() -> None:
+    assert Tuned.from_dict({"a_p": [1, 1, 1], "a_v": [1, 1, 1]}).law == "nlpd"
+    assert Tuned.from_dict({"place_m": 0.5}).law == "lqr"
+    assert Tuned.from_dict({"crab": 0.5}).law == "los"
+    assert Tuned.from_dict({"horizon_s": 0.5}).law == "mppi"
+    for wrong, said in (
+        ({"law": "pdd"}, "law = 'pdd' is not allowed; did you mean 'pd'"),
+        ({"law": "lqr", "crab": 1.0}, "crab"),
+        ([], "it must be a mapping of gains"),
+    ):
+        with pytest.raises(SettingError) as caught:
+            Tuned.from_dict(wrong)  # type: ignore[arg-type]
+        assert said in str(caught.value)
+
+
+def test_tuned_sets_are_of_named_scenarios_and_laws() -> None:
+    for path in TUNED.glob("*/*"):
+        assert path.parent.name in SCENARIOS
+        own = tuned_for(path.parent.name)[path.stem]
+        assert own.law == path.stem
+        assert not re.search(r"(?<!\w)/", own.source), "a path of one machine"
+        assert CONTROLLERS[f"{path.stem}@{path.parent.name}"].needs == ()
+        assert begun(f"{path.stem}@{path.parent.name}") == own

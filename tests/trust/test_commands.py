@@ -100,7 +100,7 @@ def fill(folder: Path) -> None:
 
 
 COUNTED: dict[str, tuple[str, ...]] = {
-    "benchmark": ("--seeds", "--seed", "--batch", "--control-period"),
+    "benchmark": ("--seeds", "--seed", "--batch", "--jobs", "--control-period"),
     "evaluate nlpd": ("--seeds", "--seed"),
     "train": ("--seed", "--steps", "--envs", "--frame-stack", "--eval-every", "--eval-episodes", "--checkpoint-every",
               "--threads", "--scale"),

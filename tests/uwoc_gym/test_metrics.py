@@ -104,3 +104,71 @@ def test_establishment_ignores_what_a_disturbance_does() -> None:
         force_limits=np.ones(3),
     )
     assert metrics.episode_metrics(record).establishment_time_s == pytest.approx([0.5, 3.0])
+
+
+def _parts(lane: str, pulses: list[tuple[float, float]], valid: str | None = None) -> str:
+    """The part of each period by its first letter."""
+    belongs = None if valid is None else _lanes(valid)
+    found = metrics.phases(np.arange(len(lane)) * 2.0, _lanes(lane), pulses, belongs)
+    assert list(found) == list(metrics.PARTS)
+    assert (np.sum(list(found.values()), axis=0) == 1).all()
+    return "".join(next(name[0] for name, mask in found.items() if mask[i, 0]) for i in range(len(lane) - 1))
+
+
+@pytest.mark.parametrize(
+    ("lane", "pulses", "expected"),
+    [
+        # Samples 2 s apart; a pulse counts for 3 s after its end.
+        ("001111111111", [], "arrrrrrrrrr"),
+        ("111111111111", [], "rrrrrrrrrrr"),
+        ("000000000000", [(4.0, 5.0)], "aaaaaaaaaaa"),
+        ("111111111111", [(4.0, 5.0)], "rrddrrrrrrr"),
+        ("111111111111", [(5.0, 5.1)], "rrdddrrrrrr"),
+        ("111111111111", [(0.0, 0.0), (18.0, 90.0)], "ddrrrrrrrdd"),
+        # The outage that it leaves behind counts until it is over, but not one that begins by itself later.
+        ("111110000111", [(4.0, 5.0)], "rrddrrrrrrr"),
+        ("111100000111", [(4.0, 5.0)], "rrdddddddrr"),
+        ("111100110011", [(4.0, 5.0)], "rrddddrrrrr"),
+        # On the way there a pulse is part of it.
+        ("000000111111", [(4.0, 5.0)], "aaaaarrrrrr"),
+        ("000011111111", [(4.0, 5.0)], "aaadrrrrrrr"),
+    ],
+)
+def test_parts_of_an_episode(lane: str, pulses: list[tuple[float, float]], expected: str) -> None:
+    assert _parts(lane, pulses) == expected
+
+
+def test_what_was_not_flown_belongs_to_the_part_in_which_it_was_lost() -> None:
+    assert _parts("000000000", [], "111100000") == "a" * 8
+    assert _parts("110000011", [(2.0, 3.0)], "111100000") == "rddddddd"
+    assert _parts("110000011", [], "111100000") == "r" * 8
+    # A pulse that never came isn't to blame.
+    assert _parts("111100000", [(12.0, 13.0)], "111100000") == "r" * 8
+
+
+def test_each_episode_has_its_own_pulses() -> None:
+    pulses = [(np.array([0.0, 4.0]), np.array([1.0, 4.5]))]
+    found = metrics.phases(TIME, _lanes("111111111", "111111111"), pulses)["disturbances"]
+    np.testing.assert_array_equal(found[:, 0], TIME[:-1] < 4.0)
+    np.testing.assert_array_equal(found[:, 1], np.zeros(8, dtype=bool))
+
+
+def test_losses_add_up_to_what_is_missing() -> None:
+    rng = np.random.default_rng(0)
+    highest = {"near": 2.0, "effort": 0.0}
+    terms = {"near": rng.uniform(0.0, 2.0, (8, 3)), "effort": rng.uniform(-1.0, 0.0, (8, 3))}
+    valid = _lanes("111111111", "111110000", "111111111")
+    parts = metrics.phases(TIME, _lanes("000111111", "000000000", "111111111"), [(2.0, 2.5)], valid)
+    found = metrics.losses(terms, highest, parts, valid)
+    assert list(found) == ["loss", "loss_arrival", "loss_disturbances", "loss_rest", "loss_near", "loss_effort"]
+    for lane, flown in enumerate((8, 4, 8)):
+        own = {name: values[:flown, lane] for name, values in terms.items()}
+        lacking = 16.0 - sum(float(values.sum()) for values in own.values())
+        assert found["loss"][lane] == pytest.approx(lacking)
+        assert found["loss_near"][lane] == pytest.approx(16.0 - own["near"].sum())
+        assert found["loss_effort"][lane] == pytest.approx(-own["effort"].sum())
+        assert sum(found[f"loss_{part}"][lane] for part in metrics.PARTS) == pytest.approx(lacking)
+    # The first arrives at sample 3, after two whole periods outside.
+    assert found["loss_arrival"][0] == pytest.approx(4.0 - terms["near"][:2, 0].sum() - terms["effort"][:2, 0].sum())
+    assert found["loss_arrival"][1] == found["loss"][1]
+    assert found["loss_arrival"][2] == 0.0

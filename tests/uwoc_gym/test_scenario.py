@@ -510,6 +510,18 @@ def test_the_nominal_model_is_followed_though_only_the_true_one_was_asked_for():
         light.known(integration_step_s=0.001)
 
 
+@pytest.mark.parametrize("name", ["Random", "Tide", "PaperCaseI"])
+def test_the_coarsest_step_in_which_the_model_is_followed(name):
+    scenario = Scenario.named(name)
+    coarsest = scenario.known(math.inf).episode
+    assert scenario.known().episode.integration_step_s <= coarsest.integration_step_s <= coarsest.control_period_s
+    substeps = coarsest.control_period_s / coarsest.integration_step_s
+    assert substeps == pytest.approx(round(substeps))
+    if substeps > 1.5:
+        with pytest.raises(SettingError, match="integration_step_s"):
+            scenario.known(coarsest.control_period_s / round(substeps - 1.0))
+
+
 def test_a_ship_faster_than_any_is_refused():
     with pytest.raises(SettingError, match=r"PaperPath.radius_m = 1000.0 .* sail at 200 m/s; it must be at most 100"):
         PaperPath(radius_m=1000.0, rate_rad_s=(-0.2, 0.1))

@@ -1,4 +1,41 @@
-"""Worlds in which the choice of policy matters, each Random with one difficulty."""
+"""Worlds in which the choice of policy matters, each Random with one difficulty; all else is as in Random.
+
+In all three an episode lasts 60 s, with actions at 20 Hz, and the reward is that of `uwoc_gym.TrackingEnv`.
+
+## Underactuated
+
+No force to the side, as torpedo hulls have it: who is to go there has to turn first, and not too fast. The action is
+``surge-yaw``; the observation is that of Random, 20 entries, of which the last action in sway stays 0.
+
+| Num | Action      | Min | Max | Unit at ±1 |
+|-----|-------------|-----|-----|------------|
+| 0   | surge force | -1  | 1   | 2000 N     |
+| 1   | yaw moment  | -1  | 1   | 500 N m    |
+
+## Tide
+
+Actuators of the size that real vehicles have, in a current of 0.3 to 0.6 m/s; the pulses are a tenth as strong as in
+Random. The Munk moment (m22 - m11) u v of a hull that is pushed askew exceeds the yaw moment, so that who pushes it
+sideways after the ship is turned across the stream and left behind. The observation is that of Random, 20 entries.
+
+| Num | Action      | Min | Max | Unit at ±1 |
+|-----|-------------|-----|-----|------------|
+| 0   | surge force | -1  | 1   | 250 N      |
+| 1   | sway force  | -1  | 1   | 250 N      |
+| 2   | yaw moment  | -1  | 1   | 60 N m     |
+
+## LateFix
+
+The ship is known by fixes alone: one every 2 s, 0.5 s late, with errors of 0.3 m along each axis and 0.05 rad; its
+velocity and acceleration aren't told. Ships are twice as quick as in Random and turn tightly. The observation has the
+groups ``fix``, ``velocity``, ``heading``, ``last-action`` and ``link``, 16 entries.
+
+| Num | Action      | Min | Max | Unit at ±1 |
+|-----|-------------|-----|-----|------------|
+| 0   | surge force | -1  | 1   | 2000 N     |
+| 1   | sway force  | -1  | 1   | 2000 N     |
+| 2   | yaw moment  | -1  | 1   | 500 N m    |
+"""
 
 from __future__ import annotations
 

@@ -242,6 +242,11 @@ def drawn_numbers(scenario: Scenario) -> list[Drawn]:
     return found
 
 
+def varying(scenario: Scenario) -> tuple[str, ...]:
+    """Paths of the numbers and choices that differ from episode to episode."""
+    return tuple(each.path for each in drawn_numbers(scenario) if each.path and each.low < each.high)
+
+
 def numbers_of(own: Parameters, place: str, name: str, rows_of: dict[str, int], only: int = -1) -> list[Drawn]:
     """The numbers and choices of one component, whose draws hang on ``name``."""
     specs = own.specs()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -118,7 +119,7 @@ class ObservationSettings(Parameters):
         0.5, "rad/s^2", "scale of the ship's yaw acceleration", low=0.001, high=1000.0, randomisable=False
     )
 
-    @property
+    @cached_property
     def entries(self) -> tuple[Entry, ...]:
         """The entries of the observation vector, in their order."""
         return tuple(entry for name in self.groups for entry in GROUPS[name])
@@ -133,11 +134,13 @@ class ObservationSettings(Parameters):
         """The scales by name."""
         return {name: self.value(name) for name, spec in self.specs().items() if isinstance(spec, NumberSpec)}
 
-    @property
+    @cached_property
     def entry_scales(self) -> Array:
-        """The scale of each entry in SI units, shape (size,)."""
+        """The scale of each entry in SI units, shape (size,); not to be written to."""
         own = self.scales
-        return np.array([own[entry.scale] if isinstance(entry.scale, str) else entry.scale for entry in self.entries])
+        found = np.array([own[entry.scale] if isinstance(entry.scale, str) else entry.scale for entry in self.entries])
+        found.flags.writeable = False
+        return found
 
     def place(self, entry: str) -> int | None:
         """Where the entry of that name stands in the observation vector; None if it isn't observed."""

@@ -7,6 +7,8 @@ episode's return over its number of steps is the share of what is possible.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 from uwoc_gym.compute.compiled import inlined
 from uwoc_gym.compute.elementary import fma, wrap
@@ -47,9 +49,20 @@ class RewardSettings(Parameters):
     )
 
     @property
+    def highest(self) -> dict[str, float]:
+        """The most that a step can bring of each term."""
+        return {
+            "bit_rate": self.bit_rate,
+            "in_cone": self.in_cone,
+            "position": self.position,
+            "heading": self.heading,
+            "effort": 0.0,
+        }
+
+    @property
     def bounds(self) -> tuple[float, float]:
         """Lowest and highest reward of a step."""
-        return -self.effort, self.bit_rate + self.in_cone + self.position + self.heading
+        return -self.effort, reduce(add, self.highest.values())
 
 
 @inlined

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import multiprocessing
 import sys
 import types
 from collections.abc import Callable
@@ -13,10 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwoc_gym import Scenario
+from uwoc_gym import Scenario, TrackingEnv
+from uwoc_gym.agents import flight
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.commands import benchmark
+from uwoc_gym.agents.policies.registry import POLICIES
 from uwoc_gym.baselines import NLPDController
+from uwoc_gym.baselines.policy import Policy
 
 SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 5.0}})
 
@@ -35,8 +39,9 @@ def module(monkeypatch: pytest.MonkeyPatch, still: Any) -> types.ModuleType:
     return made
 
 
-def _fly(scenario: Path, out: Path, *more: str) -> int:
-    return main(["benchmark", "--scenario", str(scenario), "--seeds", "3", "--batch", "2", "--out", str(out), *more])
+def _fly(scenario: Path, out: Path, *more: str, jobs: int = 1) -> int:
+    words = ["--scenario", str(scenario), "--seeds", "3", "--batch", "2", "--jobs", str(jobs), "--out", str(out)]
+    return main(["benchmark", *words, *more])
 
 
 def _rows(out: Path) -> list[dict[str, str]]:
@@ -78,6 +83,9 @@ def test_benchmark_compares_with_the_tuned_nlpd_episode_by_episode(scenario_file
     assert pd["against"]["difference"]["value"] == pytest.approx(expected)
     assert pd["against"]["improvement"]["value"] == 0.0
     assert pd["return_worst"] == min(returns["pd"])
+    assert pd["return_median"] == np.median(returns["pd"])
+    assert pd["below_half"] == np.mean(np.less(returns["pd"], 50.0))
+    assert pd["losses"]["loss"] == pytest.approx(100.0 - np.mean(returns["pd"]))
     assert reference["against"] is None
     assert "return − nlpd-tuned" in (out / "table.md").read_text()
 
@@ -104,16 +112,15 @@ def test_control_period_changes_the_number_of_steps(scenario_file: Path, tmp_pat
 def test_interrupt_keeps_finished_episodes(
     scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    real, calls = benchmark.fly, []
+    real, calls = flight.fly, []
 
     def fly(*args: Any, **options: Any) -> Any:
         calls.append(args)
-        # The first flight only warms up.
-        if len(calls) == 3:
+        if len(calls) == 2:
             raise KeyboardInterrupt
         return real(*args, **options)
 
-    monkeypatch.setattr(benchmark, "fly", fly)
+    monkeypatch.setattr(flight, "fly", fly)
     out = tmp_path / "out"
     assert _fly(scenario_file, out, "--policy", "pd") == 130
     assert [row["seed"] for row in _rows(out)] == ["0", "1"]
@@ -184,27 +191,24 @@ def test_a_policy_that_fails_is_named_in_one_line(
 
 
 def test_the_time_left_is_what_flights_of_the_same_policy_took() -> None:
-    """A minute of compiling before them says nothing, and the slow policy alone is slow."""
-    clock = iter([0.0, 60.0, 62.0, 82.0]).__next__
-    scenario = SHORT
-    flights = [(policy, scenario, range(50)) for _ in range(3) for policy in ("fast", "slow")]
-    left = benchmark.TimeLeft(flights, clock)
-    left.begin()
-    assert left.seconds() is None
-    assert left.words() == "flying"
-    left.done()
-    assert left.seconds() == pytest.approx(5 * 2.0)
-    left.done()
-    assert left.seconds() == pytest.approx(2 * 2.0 + 2 * 20.0)
-    assert left.words() == "about 44 s left"
+    """The slow policy alone is slow, and what is flown at the same time takes no time of its own."""
+    flights = [(policy, SHORT, range(50)) for _ in range(3) for policy in ("fast", "slow")]
+    for jobs in (1, 4):
+        left = benchmark.TimeLeft(flights, jobs)
+        assert left.seconds() is None
+        assert left.words() == "flying"
+        left.done(flights[0], 2.0)
+        assert left.seconds() == pytest.approx(5 * 2.0 / jobs)
+        left.done(flights[1], 20.0)
+        assert left.seconds() == pytest.approx((2 * 2.0 + 2 * 20.0) / jobs)
+        assert left.words() == f"about {44 // jobs} s left"
 
 
 def test_a_longer_episode_takes_longer_and_a_lone_one_little_less_than_a_batch() -> None:
-    clock = iter([0.0, 0.0, 11.0]).__next__
     longer = SHORT.merged({"episode": {"duration_s": 50.0}})
-    left = benchmark.TimeLeft([("pd", SHORT, range(50)), ("pd", longer, range(50)), ("pd", longer, range(1))], clock)
-    left.begin()
-    share = left.done() / left.work
+    flights = [("pd", SHORT, range(50)), ("pd", longer, range(50)), ("pd", longer, range(1))]
+    left = benchmark.TimeLeft(flights)
+    share = left.done(flights[0], 11.0) / left.work
     assert left.seconds() == pytest.approx(11.0 * (1.0 / share - 1.0))
     assert left.seconds() == pytest.approx(110.0 + 110.0, rel=0.1)
 
@@ -246,6 +250,102 @@ def test_by_default_those_fly_who_can(capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["benchmark", "--scenario", "Underactuated", "--seeds", "2", "--override", "episode.duration_s=1"]) == 0
     found = capsys.readouterr().out
     assert "| los " in found
-    assert "ppo" not in found
+    assert "| ppo-underactuated " in found
+    assert "| ppo " not in found
     assert main(["benchmark", "--policy", "ppo", "--scenario", "Underactuated", "--seeds", "2"]) == 1
     assert "policy 'ppo' can't fly Underactuated" in capsys.readouterr().err
+
+
+def test_any_number_of_processes_finds_the_same(scenario_file: Path, tmp_path: Path) -> None:
+    policies = ("--policy", "pd", "ekf-nlpd", "los", "mppi", "ppo", "ppo-residual")
+    for jobs in (1, 2, 3):
+        short = ("--override", "episode.duration_s=2")
+        assert _fly(scenario_file, tmp_path / str(jobs), *policies, *short, jobs=jobs) == 0
+    first = json.loads((tmp_path / "1/results.json").read_text())
+    for jobs in (2, 3):
+        own = json.loads((tmp_path / f"{jobs}/results.json").read_text())
+        assert own["results"] == first["results"]
+        assert list(own["microseconds_a_decision"]["short"]) == list(policies[1:])
+        for name in ("episodes.csv", "short.png", "short-profile.png"):
+            assert (tmp_path / f"{jobs}/{name}").read_bytes() == (tmp_path / f"1/{name}").read_bytes(), name
+
+
+def test_episodes_say_what_they_have_drawn(scenario_file: Path, tmp_path: Path) -> None:
+    """By the single environment of the same seed; what a scenario doesn't draw, or a path doesn't have, stays empty."""
+    calm = tmp_path / "deep.json"
+    calm.write_text(Scenario().merged({"depth_m": (3.0, 4.0), "episode": {"duration_s": 1.0}}).to_json())
+    words = ["--scenario", str(scenario_file), str(calm), "--policy", "pd", "--seeds", "6", "--jobs", "1"]
+    assert main(["benchmark", *words, "--out", str(tmp_path / "out")]) == 0
+    rows = _rows(tmp_path / "out")
+    assert len(rows) == 12
+    for row in rows:
+        env = TrackingEnv(SHORT if row["scenario"] == "short" else Scenario.from_json(calm.read_text()))
+        env.reset(seed=int(row["seed"]))
+        drawn = env.parameters()
+        own = {key.removeprefix("drawn."): cell for key, cell in row.items() if key.startswith("drawn.")}
+        told = {path: cell for path, cell in own.items() if cell}
+        if row["scenario"] == "deep":
+            assert list(told) == ["depth_m"]
+        else:
+            assert own["depth_m"] == ""
+            assert float(told["sea.pulses[0].force_x_n"]) == drawn["sea.pulses[0].force_x_n"]
+            followed = f"ship[{float(told['ship']):.0f}]."
+            assert all(path.startswith(followed) for path in told if path.startswith("ship["))
+        for path, cell in told.items():
+            assert cell == drawn[path] if isinstance(drawn[path], str) else float(cell) == drawn[path]
+    assert len({row["drawn.vehicle.mass_scale"] for row in rows[:6]}) == 6
+
+
+def test_by_default_what_is_slow_or_tuned_elsewhere_stays_at_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = benchmark.by_default("Tide")
+    assert not {"mppi", "clairvoyant", "pd-plain"} & set(usual)
+    assert {"pd", "nlpd-tuned", "los", "ppo"} <= set(usual)
+    fast = Policy("nlpd@Tide", "", POLICIES["nlpd"].make)
+    slow = Policy("mppi@Tide", "", POLICIES["nlpd"].make, slow=True)
+    for policy in (fast, slow):
+        monkeypatch.setitem(POLICIES, policy.name, policy)
+    words = ["--seeds", "1", "--jobs", "1", "--override", "episode.duration_s=0.5", "--out", str(tmp_path)]
+    assert main(["benchmark", "--scenario", "Tide", "Random", *words]) == 0
+    results = json.loads((tmp_path / "results.json").read_text())
+    flown = {name: {e["policy"] for e in results["results"] if e["scenario"] == name} for name in ("Tide", "Random")}
+    assert flown["Tide"] - flown["Random"] >= {"nlpd@Tide"}
+    assert {name.partition("@")[2] for name in flown["Random"]} <= {"", "Random"}
+    assert "mppi@Tide" not in flown["Tide"]
+    # Whoever is named flies anywhere.
+    assert main(["benchmark", "--scenario", "Random", "--policy", "nlpd@Tide", "mppi@Tide", *words]) == 0
+
+
+def test_the_way_is_told_where_the_yardstick_flies(scenario_file: Path, tmp_path: Path) -> None:
+    words = ("--policy", "pd", "nlpd-tuned", "clairvoyant", "--override", "episode.duration_s=3")
+    assert _fly(scenario_file, tmp_path, *words) == 0
+    results = json.loads((tmp_path / "results.json").read_text())
+    means = {name: np.mean([float(row["return"]) for row in _rows(tmp_path) if row["policy"] == name])
+             for name in words[1:4]}  # fmt: skip
+    pd = results["results"][0]
+    assert means["clairvoyant"] > means["nlpd-tuned"]
+    share = (means["pd"] - means["nlpd-tuned"]) / (means["clairvoyant"] - means["nlpd-tuned"])
+    assert pd["way"]["share"]["value"] == pytest.approx(share)
+    assert "| way to clairvoyant" in (tmp_path / "table.md").read_text()
+    taken = results["microseconds_a_decision"]["short"]
+    assert taken["clairvoyant"] > 3.0 * taken["pd"] > 0.0
+
+
+def test_a_policy_that_fails_in_another_process_is_named(
+    scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _fly(scenario_file, tmp_path / "out", "--policy", "pd", f"{__name__}:raising", jobs=2) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == f"uwoc-gym benchmark: error: policy '{__name__}:raising' failed: RuntimeError: no idea"
+
+
+def raising(scenario: Any) -> Any:
+    return Raising() if multiprocessing.parent_process() else NLPDController(scenario=scenario)
+
+
+@pytest.mark.parametrize("jobs", ["0", "257", "two", "1.5"])
+def test_jobs_are_a_whole_number(jobs: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["benchmark", "--jobs", jobs]) == 2
+    error = capsys.readouterr().err
+    assert f"argument --jobs: '{jobs}' is not allowed; it must be a whole number from 1 to 256." in error

@@ -194,3 +194,12 @@ def test_what_is_not_allowed_is_said_in_a_line(
     printed = capsys.readouterr()
     assert message in printed.err
     assert printed.out == ""
+
+
+def test_what_is_slow_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    policies = capsys.readouterr().out.partition("policies:")[2].split("\n")
+    said = {line.split()[0] for line in policies if line.endswith("(slow: flies where it is named)")}
+    assert said == {name for name, policy in POLICIES.items() if policy.slow}
+    assert said >= {"mppi", "clairvoyant"}
+    assert not said & {"pd", "nlpd-tuned", "los", "lqr", "ekf-lqr", "ppo"}

@@ -19,6 +19,7 @@ from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.plans import Wish
 from uwoc_gym.agents.policies.registry import load, shipped
 from uwoc_gym.agents.reports import files, tables
+from uwoc_gym.metrics import PARTS
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +149,38 @@ def test_results_of_a_training_that_lack_what_the_report_needs_are_refused(tmp_p
     with pytest.raises(CommandError, match=r"best\.return\.mean"):
         protocol.ship([tmp_path], tmp_path / "shipped", "")
     assert not (tmp_path / "shipped").exists()
+
+
+def test_tables_say_where_it_is_lost_and_how_far_it_is_to_the_yardstick(tmp_path, short_file):
+    scenario = short_file(2.0)
+    words = ["protocol", "--training-seeds", "0", "--seeds", "3", "--scenario", str(scenario), "--rivals", "pd", "pd",
+             "clairvoyant", "--runs", str(tmp_path / "runs")]  # fmt: skip
+    for jobs in "12":
+        assert main([*words, "--jobs", jobs, "--out", str(tmp_path / jobs)]) == 0
+    one, two = (json.loads((tmp_path / jobs / "results.json").read_text()) for jobs in "12")
+    assert one["results"] == two["results"]
+    own = one["results"]["short"]
+    # The reference flies in any case.
+    assert list(own) == ["pd", "clairvoyant", "nlpd-tuned"] == list(one["microseconds_a_decision"])
+    scores = np.load(tmp_path / "1/scores.npz")
+    returns = {name: scores[f"short/{name}/return"] for name in own}
+    start, end = returns["nlpd-tuned"].mean(), returns["clairvoyant"].mean()
+    assert end > start
+    for name, entry in own.items():
+        losses = {key: scores[f"short/{name}/{key}"].mean() for key in entry["losses"]}
+        assert entry["losses"] == pytest.approx(losses)
+        assert entry["losses"]["loss"] == pytest.approx(40.0 - returns[name].mean())
+        assert sum(losses[f"loss_{part}"] for part in PARTS) == pytest.approx(losses["loss"])
+        assert entry["below_half"]["value"] == (returns[name] < 20.0).mean()
+        assert entry["return_median"]["value"] == np.median(returns[name])
+        assert entry["way"]["share"]["value"] == pytest.approx((returns[name].mean() - start) / (end - start))
+    text = (tmp_path / "1/BENCHMARK.md").read_text()
+    for heading in ("below half", "return, median", "loss: arrival", "loss: bit rate", "way"):
+        assert f"| {heading} " in text
+
+
+def test_a_rival_that_there_is_not_is_refused(tmp_path, capsys):
+    words = ["--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out")]
+    assert main(["protocol", "--rivals", "pd", "nldp", *words]) == 2
+    assert "argument --rivals: invalid choice: 'nldp'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

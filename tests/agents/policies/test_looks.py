@@ -22,7 +22,7 @@ def _contrast(first: tuple[int, int, int], second: tuple[int, int, int]) -> floa
 
 
 def test_every_policy_of_the_package_has_a_look() -> None:
-    assert set(LOOKS) == POLICIES.keys() | GROUPS.keys()
+    assert set(LOOKS) == {name for name in POLICIES.keys() | GROUPS.keys() if "@" not in name}
     assert all(look.dash in DASHES for look in (*LOOKS.values(), *OTHERS))
 
 
@@ -46,3 +46,12 @@ def test_a_policys_look_does_not_hang_on_its_company() -> None:
     assert among["ppo"] == alone == LOOKS["ppo"]
     assert [among["runs/mine"], among["runs/other"]] == list(OTHERS[:2])
     assert looks(["PD, as printed"])["PD, as printed"] == LOOKS["pd"]
+
+
+def test_what_is_tuned_for_a_world_has_its_law_s_colour_and_another_line() -> None:
+    laws = {name for name in POLICIES if "@" in name} | {"pd@Tide"}
+    for name, own in looks(laws).items():
+        law = LOOKS[name.partition("@")[0]]
+        assert own.colour == law.colour
+        assert own.dash in DASHES
+        assert own.dash != law.dash

@@ -9,20 +9,23 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from uwoc_gym import Scenario, agents
+from uwoc_gym import ENV_IDS, Scenario, agents
 from uwoc_gym.agents.flight import fly
-from uwoc_gym.agents.learning.seeds import VALIDATION
+from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, VALIDATION
 from uwoc_gym.agents.policies import archive
 from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES, TRAINED
+from uwoc_gym.baselines.beliefs import Beliefs
 
-NAMES = ("ppo", "ppo-residual", "td3")
+NAMES = ("ppo", "ppo-residual", "td3", "ppo-underactuated", "ppo-latefix")
 
 SHA256 = {
     "ppo": "948e123f1253970a394b6a04c943c80670c8343b4ad3a6cde80e0933459c58b0",
     "ppo-residual": "192dc1fd67f8fab4f683a25ab601b2e67f0de6c6b04f11e86fd47459181ccc5f",
     "td3": "1e706d013f153306d3c63d655b19b5b01a0574a84a358411573e7c92fa441ff2",
+    "ppo-underactuated": "c98dab4104e23f7371301c78055b184f75b69d556303e2b4572c15074d65b1a0",
+    "ppo-latefix": "fa36e2572128548f74e08047119d8a613abf3728dd2a00d578454819fedc37cf",
 }
 """Of each agent's file; whoever ships another one says so here."""
 
@@ -55,14 +58,17 @@ def test_the_file_is_the_one_that_was_shipped(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_it_acts_as_plain_sb3_does_bit_for_bit(name):
     said = archive.read(TRAINED / name / "model.zip")
-    agent = agents.load(name, "Random")
+    world = Scenario.named(ENV_IDS[said.env])
+    agent = agents.load(name, ENV_IDS[said.env])
     model = ALGORITHMS[said.algorithm].load().load(TRAINED / name / "model.zip", device="cpu")
     scale = said.residual["scale"] if said.residual is not None else 1.0
-    plain = Agent(model, None, said.frame_stack, agent.controller, scale)
+    beliefs = Beliefs(world.known()) if said.beliefs else None
+    plain = Agent(model, None, said.frame_stack, agent.controller, scale, beliefs)
     rng = np.random.default_rng(0)
     memory, own = None, None
     for step in range(20):
-        observations, begun = rng.normal(size=(5, 20)).astype(np.float32), np.full(5, step == 0)
+        observations = rng.normal(size=(5, world.observation.size)).astype(np.float32)
+        begun = np.full(5, step == 0)
         found, memory = agent.predict(observations, memory, begun, deterministic=True)
         wanted, own = plain.predict(observations, own, begun, deterministic=True)
         np.testing.assert_array_equal(found, wanted)
@@ -70,14 +76,16 @@ def test_it_acts_as_plain_sb3_does_bit_for_bit(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_plain_sb3_loads_the_model(name):
-    algorithm = archive.read(TRAINED / name / "model.zip").algorithm
-    model = ALGORITHMS[algorithm].load().load(TRAINED / name / "model.zip", device="cpu")
-    assert model.observation_space.shape == (80,)
+    said = archive.read(TRAINED / name / "model.zip")
+    model = ALGORITHMS[said.algorithm].load().load(TRAINED / name / "model.zip", device="cpu")
+    assert model.observation_space.shape == (said.frame_stack * said.seen,)
 
 
-def test_ppo_scores_what_is_stored():
-    stored = json.loads((TRAINED / "ppo/results.json").read_text(encoding="utf-8"))["best"]["return"]
-    returns = fly(POLICIES["ppo"], Scenario.named("Random"), VALIDATION).metrics.return_
+@pytest.mark.parametrize("name", ["ppo", "ppo-underactuated", "ppo-latefix"])
+def test_an_agent_scores_what_is_stored(name):
+    stored = json.loads((TRAINED / name / "results.json").read_text(encoding="utf-8"))["best"]["return"]
+    world = Scenario.named(ENV_IDS[archive.read(TRAINED / name / "model.zip").env])
+    returns = fly(POLICIES[name], world, ALL_VALIDATION[: stored["episodes"]]).metrics.return_
     assert stored["low"] <= returns.mean() <= stored["high"]
     assert returns.mean() == pytest.approx(stored["mean"], rel=1e-3)
 

@@ -16,7 +16,7 @@ from uwoc_gym.agents.reports import files
 def test_only_one_function_writes_results() -> None:
     # It asks for the scenarios, so that none is spoken of without its digest.
     sources = Path(uwoc_gym.agents.__file__).parent.rglob("*.py")
-    writers = [path.name for path in sources if re.search(r"write_\w+\([^)]*results\.json", path.read_text("utf-8"))]
+    writers = [path.name for path in sources if re.search(r"write_\w+\([^)]*RESULTS", path.read_text("utf-8"))]
     assert writers == ["files.py"]
 
 

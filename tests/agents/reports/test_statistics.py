@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -130,3 +132,43 @@ def test_intervals_hold_the_mean_of_the_values():
 
 def test_profile_falls_from_one_to_nothing():
     assert statistics.profile([1.0, 2.0, 3.0], [0.0, 1.5, 3.0]).tolist() == [1.0, pytest.approx(2 / 3), 0.0]
+
+
+def test_the_median_is_the_middle_one() -> None:
+    assert statistics.median([5.0, 1.0, 2.0]) == 2.0
+    assert statistics.median([[5.0, 1.0], [0.0, 8.0]]).tolist() == [3.0, 4.0]
+
+
+def test_the_share_of_the_way_is_that_of_the_means() -> None:
+    rng = np.random.default_rng(1)
+    start = rng.normal(100.0, 20.0, 400)
+    end = start + rng.normal(50.0, 5.0, 400)
+    scores = start + rng.normal(20.0, 10.0, 400)
+    found = statistics.share_of_the_way(scores, start, end, np.random.default_rng(0))
+    assert found.value == pytest.approx((scores.mean() - start.mean()) / (end.mean() - start.mean()))
+    # The same episodes are drawn for all three, whose own spread is far greater than that of their differences.
+    ratios = []
+    for _ in range(2000):
+        places = rng.integers(0, 400, 400)
+        base = start[places].mean()
+        ratios.append((scores[places].mean() - base) / (end[places].mean() - base))
+    assert [found.low, found.high] == pytest.approx(np.percentile(ratios, [2.5, 97.5]), abs=0.003)
+    for same, share in ((start, 0.0), (end, 1.0)):
+        own = statistics.share_of_the_way(same, start, end, np.random.default_rng(0))
+        assert list(own) == pytest.approx([share] * 3, abs=1e-12)
+
+
+def test_the_share_of_the_way_over_trainings_takes_the_episodes_of_each() -> None:
+    start, end = np.array([0.0, 10.0, 20.0]), np.array([10.0, 30.0, 50.0])
+    scores = np.array([[0.0, 10.0, 20.0], [10.0, 30.0, 50.0]])
+    found = statistics.share_of_the_way(scores, start, end, np.random.default_rng(0))
+    assert found.value == pytest.approx(0.5)
+    assert (found.low, found.high) == pytest.approx((0.0, 1.0))
+
+
+def test_there_is_no_way_to_what_is_not_ahead() -> None:
+    found = statistics.share_of_the_way([1.0, 2.0], [3.0, 4.0], [3.0, 2.0], np.random.default_rng(0))
+    assert all(map(math.isnan, found))
+    one = statistics.share_of_the_way([1.5], [1.0], [2.0], np.random.default_rng(0))
+    assert one.value == 0.5
+    assert math.isnan(one.low)

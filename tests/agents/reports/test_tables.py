@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from uwoc_gym.agents.reports import tables
@@ -110,8 +111,22 @@ def test_the_returns_at_a_glance_say_who_leads() -> None:
     rows["lost"] = [{measure.key: math.nan for measure in tables.MEASURES}]
     results = [tables.Result(scenario, name, each, True) for scenario in ("A", "B") for name, each in rows.items()]
     header, lines = tables.headline(tables.results_data(results, 0))
-    assert header == ["", "pd", "ppo", "lost"]
-    assert lines == [["A", "1.0", "**2.0**", "–"], ["B", "1.0", "**2.0**", "–"]]
+    assert header == ["", "A", "B"]
+    assert lines == [["pd", "1.0", "1.0"], ["ppo", "**2.0**", "**2.0**"], ["lost", "–", "–"]]
+
+
+def test_what_is_tuned_for_worlds_shares_a_row_and_the_yardstick_is_not_bold() -> None:
+    flown = {("A", "los@A"): 2.0, ("A", "clairvoyant"): 3.0, ("B", "los@B"): 2.0, ("B", "los@A"): 1.0}
+    results = [
+        tables.Result(scenario, policy, [dict.fromkeys((measure.key for measure in tables.MEASURES), value)], True)
+        for (scenario, policy), value in flown.items()
+    ]
+    header, lines = tables.headline(tables.results_data(results, 0))
+    assert header == ["", "A", "B"]
+    assert lines == [["los@here", "**2.0**", "**2.0**"], ["los@A", "", "1.0"], ["clairvoyant", "3.0", ""]]
+    more = [*results, tables.Result("B", "los", results[0].rows, True), tables.Result("B", "pd", results[0].rows, True)]
+    _, lines = tables.headline(tables.results_data(more, 0))
+    assert [row for row, *_ in lines] == ["los", "los@here", "los@A", "pd", "clairvoyant"]
 
 
 def test_cells_and_code_stay_in_their_place() -> None:
@@ -122,3 +137,77 @@ def test_cells_and_code_stay_in_their_place() -> None:
         r"| x y  | `` run `z` \| tee `` |",
     ]
     assert tables.code("uwoc-gym list") == "`uwoc-gym list`"
+
+
+def _lossy(returns: list[float], possible: float) -> list[dict[str, float]]:
+    """Episodes of those returns, which lose a half on the way and the rest by effort."""
+    rows = []
+    for value in returns:
+        row = {measure.key: value for measure in tables.MEASURES} | {loss.key: 0.0 for loss in tables.LOSSES}
+        lacking = possible - value
+        row |= {"loss": lacking, "loss_arrival": 0.5 * lacking, "loss_rest": 0.5 * lacking, "loss_effort": lacking}
+        rows.append(row)
+    return rows
+
+
+def test_a_mean_says_less_than_the_numbers_beside_it() -> None:
+    """Of forty episodes thirty are good and ten lost: the mean is of no episode."""
+    returns = [900.0 + k for k in range(30)] + [100.0 + 10.0 * k for k in range(10)]
+    (found,) = tables.results_data([tables.Result("Tide", "pd", _lossy(returns, 1000.0), False, 1000.0)], 0)
+    assert found["return_median"] == np.median(returns) == 909.5
+    assert found["return_worst"] == 105.0
+    assert found["below_half"] == 0.25
+    assert found["possible"] == 1000.0
+    assert found["losses"]["loss"] == pytest.approx(1000.0 - np.mean(returns))
+    lines = cells(tables.table([found]))["pd"]
+    assert (lines["median"], lines["worst 5 %"], lines["below half"]) == ("909.5", "105.0", "0.250")
+    lacking = f"{1000.0 - np.mean(returns):.1f}"
+    assert (lines["loss"], lines["loss: effort"], lines["loss: in cone"]) == (lacking, lacking, "0.0")
+    assert lines["loss: arrival"] == lines["loss: rest"] == f"{500.0 - 0.5 * np.mean(returns):.1f}"
+
+
+def test_what_says_nothing_of_losses_has_no_columns_of_them() -> None:
+    rows = [{measure.key: 1.0 for measure in tables.MEASURES}]
+    (found,) = tables.results_data([tables.Result("Random", "pd", rows, False)], 0)
+    assert (found["below_half"], found["losses"], found["way"]) == (None, None, None)
+    assert not [heading for heading in cells(tables.table([found]))["pd"] if "loss" in heading or "half" in heading]
+
+
+def test_the_way_to_the_yardstick_begins_at_the_nlpd_that_was_tuned_there() -> None:
+    returns = {"nlpd-tuned": [0.0, 2.0], "nlpd@Tide": [4.0, 4.0], "los": [5.0, 7.0], "clairvoyant": [8.0, 8.0]}
+    results = [
+        tables.Result(scenario, policy, _lossy(own, 10.0), False, 10.0)
+        for scenario in ("Tide", "Random")
+        for policy, own in returns.items()
+    ]
+    results.append(tables.Result("Random", "few", _lossy([1.0], 10.0), False, 10.0))
+    results.append(tables.Result("LateFix", "los", _lossy([1.0, 2.0], 10.0), False, 10.0))
+    found = {(each["scenario"], each["policy"]): each for each in tables.results_data(results, 0)}
+    tide = {policy: found["Tide", policy]["way"] for policy in returns}
+    assert {(each["from"], each["to"]) for each in tide.values()} == {("nlpd@Tide", "clairvoyant")}
+    assert [each["share"]["value"] for each in tide.values()] == [-0.75, 0.0, 0.5, 1.0]
+    # Elsewhere what was tuned in the tide is one of many.
+    assert found["Random", "los"]["way"]["from"] == "nlpd-tuned"
+    assert found["Random", "los"]["way"]["share"]["value"] == pytest.approx(5.0 / 7.0)
+    assert found["Random", "few"]["way"] is None
+    assert found["LateFix", "los"]["way"] is None
+    lines = cells(tables.table([found["Tide", policy] for policy in returns]))
+    assert lines["clairvoyant"]["way to clairvoyant"] == "1.00"
+    assert lines["los"]["way to clairvoyant"].startswith("0.50")
+    assert "way to" not in tables.table([found["LateFix", "los"]]).partition("Means over")[0]
+
+
+def test_a_world_s_own_yardstick_is_the_end_of_its_way() -> None:
+    assert tables.way("Tide", ["clairvoyant", "clairvoyant@Tide", "nlpd-tuned"]) == ("nlpd-tuned", "clairvoyant@Tide")
+    assert tables.way("Tide", ["clairvoyant@LateFix", "nlpd@Tide"]) is None
+    assert tables.way("Tide", ["clairvoyant", "nlpd@LateFix"]) is None
+
+
+def test_how_long_a_decision_takes_stands_by_itself() -> None:
+    rows = [{measure.key: 1.0 for measure in tables.MEASURES}]
+    data = tables.results_data([tables.Result("Random", "pd", rows, False)], 0)
+    text = tables.table(data, (), {"Random": {"pd": 51.4, "a|b": 9.6}, "Tide": {"pd": 60.0}})
+    told = cells(text.partition("### Microseconds a decision")[2])
+    assert told["pd"] == {"Random": "51", "Tide": "60"}
+    assert told[r"a\|b"] == {"Random": "10", "Tide": ""}
+    assert "Microseconds" not in tables.table(data)

@@ -734,3 +734,25 @@ env.close()
 sys.exit(os.waitstatus_to_exitcode(status))
 """
     subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True, timeout=120)
+
+
+def test_terms_are_those_that_add_up_to_the_reward(fly):
+    flight = fly(Scenario.named("Random"), 40)
+    for action in np.linspace(-1.0, 1.0, 5):
+        flight.step(action)
+        terms, measures = flight.fleet.terms(), flight.measures()
+        assert list(terms) == list(RewardSettings().highest)
+        for name, values in terms.items():
+            np.testing.assert_array_equal(values, measures[f"reward_{name}"])
+        np.testing.assert_allclose(sum(terms.values()), measures["reward"], rtol=1e-14)
+    terms["effort"][:] = 7.0
+    assert (flight.fleet.terms()["effort"] <= 0.0).all()
+
+
+def test_the_most_of_each_term_is_reached_and_not_passed(fly):
+    weights = RewardSettings(bit_rate=0.7, in_cone=0.2, position=1.1, heading=0.6, effort=0.3)
+    best = fly(Scenario(ship=StraightPath(speed_mps=0.0), reward=weights), pose=(0, 0, 0), velocity=(0, 0, 0))
+    best.step()
+    for name, values in best.fleet.terms().items():
+        assert values[0] == pytest.approx(weights.highest[name], rel=1e-12, abs=1e-12)
+    assert sum(weights.highest.values()) == pytest.approx(weights.bounds[1])

@@ -138,6 +138,15 @@ class Vehicle(Parameters):
         ]
         return np.stack(axes, axis=-1)
 
+    def velocity_slope(self, velocity: npt.ArrayLike) -> Array:
+        """How `acceleration` changes with a velocity of shape (..., 3), by differences: shape (..., 3, 3)."""
+        nu = np.asarray(velocity, dtype=float)
+        small = 1e-4
+        aside = small * np.eye(3).reshape(3, *(1,) * (nu.ndim - 1), 3)
+        ahead, behind = self.acceleration(np.stack([nu + aside, nu - aside]), np.zeros(3))
+        slope: Array = np.moveaxis(ahead - behind, 0, -1) / (2.0 * small)
+        return slope
+
 
 class _Dynamics(NamedTuple):
     """An equation of motion divided by its masses, each for surge, sway and yaw."""

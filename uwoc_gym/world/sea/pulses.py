@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -58,11 +58,18 @@ class DrawnPulse(NamedTuple):
 def drawn_pulses(parameters: Mapping[str, float]) -> list[DrawnPulse]:
     """The pulses of an episode, from what `TrackingEnv.parameters` says it has drawn."""
     found: list[DrawnPulse] = []
+    for i, (begin, end) in enumerate(pulse_times(parameters)):
+        x, y, moment = (parameters[f"sea.pulses[{i}].{name}"] for name in ("force_x_n", "force_y_n", "moment_nm"))
+        found.append(DrawnPulse(begin, end, f"pulse: {x:.0f} N, {y:.0f} N, {moment:.0f} N m"))
+    return found
+
+
+def pulse_times(parameters: Mapping[str, Any]) -> list[tuple[Any, Any]]:
+    """Beginning and end of each pulse [s], of one episode or, as arrays, of several; see `drawn_pulses`."""
+    found: list[tuple[Any, Any]] = []
     while f"sea.pulses[{len(found)}].start_s" in parameters:
-        own = f"sea.pulses[{len(found)}]."
-        begin, duration = parameters[own + "start_s"], parameters[own + "duration_s"]
-        x, y, moment = (parameters[own + name] for name in ("force_x_n", "force_y_n", "moment_nm"))
-        found.append(DrawnPulse(begin, begin + duration, f"pulse: {x:.0f} N, {y:.0f} N, {moment:.0f} N m"))
+        begin, duration = (parameters[f"sea.pulses[{len(found)}].{name}"] for name in ("start_s", "duration_s"))
+        found.append((begin, begin + duration))
     return found
 
 
