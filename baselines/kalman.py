@@ -63,7 +63,11 @@ def correct(before: Belief, innovation: Array, seen: Array, noise: Array) -> tup
 
 def matrix(rows: Sequence[Sequence[Any]], lanes: int) -> Array:
     """A matrix for each lane from entries that are numbers or (N,)."""
-    return np.stack([np.stack([np.broadcast_to(each, lanes) for each in row], axis=-1) for row in rows], axis=-2)
+    found = np.empty((lanes, len(rows), len(rows[0])))
+    for i, row in enumerate(rows):
+        for k, each in enumerate(row):
+            found[:, i, k] = each
+    return found
 
 
 def chosen(where: npt.NDArray[np.bool_], new: Sequence[Array], old: Sequence[Array] | None) -> tuple[Array, ...]:

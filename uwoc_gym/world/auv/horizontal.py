@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -123,7 +124,7 @@ class Vehicle(Parameters):
     def acceleration(self, velocity: npt.ArrayLike, force: npt.ArrayLike) -> Array:
         """True body acceleration ν̇ [m/s², m/s², rad/s²] under a body force [N, N, N m], shape (..., 3)."""
         nu, tau = np.broadcast_arrays(np.asarray(velocity, dtype=float), np.asarray(force, dtype=float))
-        dynamics = _equation(**{name: self.value(name) for name in _PLANT}, coriolis=float(self.coriolis))
+        dynamics = self._dynamics
         others = ((1, 2), (0, 2), (0, 1))
         axes = [
             _axis_acceleration(
@@ -137,6 +138,11 @@ class Vehicle(Parameters):
             for i, (j, k) in enumerate(others)
         ]
         return np.stack(axes, axis=-1)
+
+    @cached_property
+    def _dynamics(self) -> _Dynamics:
+        dynamics: _Dynamics = _equation(**{name: self.value(name) for name in _PLANT}, coriolis=float(self.coriolis))
+        return dynamics
 
     def velocity_slope(self, velocity: npt.ArrayLike) -> Array:
         """How `acceleration` changes with a velocity of shape (..., 3), by differences: shape (..., 3, 3)."""
