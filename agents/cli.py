@@ -23,6 +23,7 @@ COMMANDS = {
         "evaluate",
         "train",
         "tune",
+        "tracker",
         "dataset",
         "protocol",
         "calibrate",

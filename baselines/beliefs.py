@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,14 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines.current_filter import CurrentFilter
 from uwoc_gym.baselines.law import observer
+from uwoc_gym.baselines.learned_tracker import LearnedTracker
 from uwoc_gym.baselines.observers import Memory
 from uwoc_gym.given import SettingError
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.task.observation import GROUPS, LIMIT, unpack
+
+LEARNED = "learned"
+"""What entries are called by that a network has learned to tell."""
 
 
 class Beliefs:
@@ -24,12 +29,13 @@ class Beliefs:
 
     Args:
         scenario: What is known of the scenario.
+        learned: Whether the ship's motion is what the `LearnedTracker` of the ``gru-`` laws believes.
 
     Raises:
         SettingError: Its observations leave nothing to filter, or leave out what filters need.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, learned: bool = False) -> None:
         self._settings = own = scenario.observation
         self._late = own.fixes and "ship" not in own.groups
         self._water = all(group in own.groups for group in CurrentFilter.needed)
@@ -38,7 +44,7 @@ class Beliefs:
                 f"the observation groups {', '.join(own.groups)} leave nothing to filter; filters need those of "
                 f"{', '.join(CurrentFilter.needed)}, for the current, or fix, velocity and heading, for the ship."
             )
-        self._observe = observer(scenario, True, {})
+        self._observe = observer(scenario, LearnedTracker if learned else True, {})
         entries = [entry for group in ("ship", "ship-acceleration") if self._late for entry in GROUPS[group]]
         scales = own.scales
         self._scales = np.array(
@@ -46,10 +52,22 @@ class Beliefs:
             + [own.velocity_scale_mps] * 2 * self._water
         )
         self.names = (
-            *(f"believed {entry.name}" for entry in entries),
+            *(f"{LEARNED if learned else 'believed'} {entry.name}" for entry in entries),
             *(("believed water velocity ahead", "believed water velocity to starboard") if self._water else ()),
         )
         """What the further entries are."""
+
+    @classmethod
+    def named(cls, names: Sequence[str], scenario: Scenario) -> Beliefs:
+        """Those that add entries of such names.
+
+        Raises:
+            SettingError: As above, or what would add them adds others here.
+        """
+        found = cls(scenario, any(name.startswith(LEARNED) for name in names))
+        if list(found.names) != list(names):
+            raise SettingError(f"filters that added {', '.join(names)} add {', '.join(found.names)} here.")
+        return found
 
     def __call__(
         self, observation: npt.NDArray[Any], memory: Memory = None, begun: npt.NDArray[np.bool_] | None = None

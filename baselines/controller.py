@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines.gains import Gains
 from uwoc_gym.baselines.gains import gains as named_gains
-from uwoc_gym.baselines.law import Law, several
+from uwoc_gym.baselines.law import Law, Tracker, several
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.scenario import Scenario
 
@@ -61,7 +61,7 @@ class Controller(Law):
         self,
         gains: str | Gains | Sequence[str | Gains],
         scenario: str | Scenario = "Nominal",
-        filtered: bool = False,
+        filtered: bool | Tracker = False,
     ) -> None:
         given = several(gains)
         if not given or not all(isinstance(each, (str, Gains)) for each in given):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from uwoc_gym.baselines.controller import Controller
 from uwoc_gym.baselines.gains import GAINS, Gains
 from uwoc_gym.baselines.guidance import Guidance, GuidanceGains
+from uwoc_gym.baselines.learned_tracker import LearnedTracker
 from uwoc_gym.baselines.lqr import Regulator, RegulatorScales
 from uwoc_gym.baselines.planner import Clairvoyant, Planner, PlannerSettings
 from uwoc_gym.baselines.policy import Policy, Predictor
@@ -37,6 +38,7 @@ class Kind(NamedTuple):
 
 
 _EKF = "behind filters for the current and for late fixes"
+_GRU = "behind a network that has learned how ships sail, where they are known by late fixes"
 
 KINDS = {
     "pd": Kind(Gains, Controller, "the paper's PD law"),
@@ -45,6 +47,8 @@ KINDS = {
     "ekf-pd": Kind(Gains, partial(Controller, filtered=True), f"the PD law {_EKF}"),
     "ekf-nlpd": Kind(Gains, partial(Controller, filtered=True), f"the NLPD law {_EKF}"),
     "ekf-lqr": Kind(RegulatorScales, partial(Regulator, filtered=True), f"the regulator {_EKF}"),
+    "gru-nlpd": Kind(Gains, partial(Controller, filtered=LearnedTracker), f"the NLPD law {_GRU}"),
+    "gru-lqr": Kind(RegulatorScales, partial(Regulator, filtered=LearnedTracker), f"the regulator {_GRU}"),
     "los": Kind(GuidanceGains, Guidance, f"line-of-sight guidance {_EKF}"),
     "mppi": Kind(PlannerSettings, Planner, f"a sampling planner on the known model {_EKF}", together=False, slow=True),
     "clairvoyant": Kind(
@@ -141,6 +145,8 @@ _EVERYWHERE = {
     "ekf-pd": Tuned("ekf-pd", GAINS["pd-tuned"]),
     "ekf-nlpd": Tuned("ekf-nlpd", GAINS["nlpd-tuned"]),
     "ekf-lqr": Tuned("ekf-lqr", RegulatorScales()),
+    "gru-nlpd": Tuned("gru-nlpd", GAINS["nlpd-tuned"]),
+    "gru-lqr": Tuned("gru-lqr", RegulatorScales()),
     "los": Tuned("los", GuidanceGains()),
     "mppi": Tuned("mppi", PlannerSettings()),
     "clairvoyant": Tuned("clairvoyant", PlannerSettings()),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.baselines.law import Law, several
+from uwoc_gym.baselines.law import Law, Tracker, several
 from uwoc_gym.baselines.numbers import fixed
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.parameters import Parameters
@@ -67,7 +67,7 @@ class Guidance(Law):
         self,
         gains: GuidanceGains | Sequence[GuidanceGains],
         scenario: str | Scenario = "Nominal",
-        filtered: bool = True,
+        filtered: bool | Tracker = True,
     ) -> None:
         given = several(gains)
         if not given or not all(isinstance(each, GuidanceGains) for each in given):

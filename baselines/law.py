@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,10 @@ from uwoc_gym.task.observation import Measured, ObservationSettings, unpack
 Array = npt.NDArray[np.float64]
 
 
+Tracker = Callable[[Scenario], Observer]
+"""Makes what believes in the motion of a ship that is known by fixes alone, from what is known of the scenario."""
+
+
 class Law:
     """A force for what is seen of the ship, batched over observations; a law adds `force_for`.
 
@@ -28,15 +32,17 @@ class Law:
         scenario: The scenario, or the name of one, that gives the vehicle's nominal model, the actuators' limits and
             the observation's scales. What the plant departs from the nominal model by stays unknown to the law.
         filtered: Whether the law flies behind filters: a `CurrentFilter`, where what that needs is observed, and a
-            `ShipTracker`, where the ship is known by fixes alone. Without, `CarriedFixes` stands in for the latter.
+            `ShipTracker`, where the ship is known by fixes alone, or else what is given here instead of that one.
+            Without, `CarriedFixes` stands in for the latter.
         needed: Groups that the law needs where the ship is observed at all times, each with what would do without it,
             or nothing.
 
     Raises:
-        SettingError: There is no scenario of that name, or its observations leave out what the law needs.
+        SettingError: There is no scenario of that name, its observations leave out what the law needs, or a tracker is
+            given that has nothing to track.
     """
 
-    def __init__(self, scenario: str | Scenario, filtered: bool, needed: Mapping[str, str]) -> None:
+    def __init__(self, scenario: str | Scenario, filtered: bool | Tracker, needed: Mapping[str, str]) -> None:
         chosen = as_scenario(scenario)
         self.vehicle = chosen.vehicle.nominal()
         self.force_limits = self.vehicle.force_limits
@@ -120,11 +126,11 @@ class Law:
         return (action[0] if np.ndim(observation) == 1 else action), state
 
 
-def observer(scenario: Scenario, filtered: bool, needed: Mapping[str, str]) -> Observer:
+def observer(scenario: Scenario, filtered: bool | Tracker, needed: Mapping[str, str]) -> Observer:
     """What stands between the observations of a scenario and a policy that flies on `Measured`; see `Law`.
 
     Raises:
-        SettingError: The scenario's observations leave out what is needed.
+        SettingError: The scenario's observations leave out what is needed, or leave nothing to a tracker that is given.
     """
     groups = scenario.observation.groups
     is_late = scenario.observation.fixes and "ship" not in groups
@@ -136,7 +142,13 @@ def observer(scenario: Scenario, filtered: bool, needed: Mapping[str, str]) -> O
             )
     found: Observer = as_seen
     if is_late:
-        found = ShipTracker(scenario) if filtered else CarriedFixes(scenario)
+        maker: Tracker = CarriedFixes if not filtered else ShipTracker if filtered is True else filtered
+        found = maker(scenario)
+    elif callable(filtered):
+        raise SettingError(
+            "A tracker has nothing to track where the ship is observed at all times; fly the law without one, or "
+            "choose the observation group 'fix' instead of 'ship'."
+        )
     if filtered and all(group in groups for group in CurrentFilter.needed):
         found = in_turn(found, CurrentFilter(scenario))
     return found

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.baselines.law import Law, several
+from uwoc_gym.baselines.law import Law, Tracker, several
 from uwoc_gym.baselines.numbers import fixed
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.parameters import Parameters
@@ -66,7 +66,7 @@ class Regulator(Law):
         self,
         scales: RegulatorScales | Sequence[RegulatorScales] = RegulatorScales(),
         scenario: str | Scenario = "Nominal",
-        filtered: bool = False,
+        filtered: bool | Tracker = False,
     ) -> None:
         given = several(scales)
         if not given or not all(isinstance(each, RegulatorScales) for each in given):

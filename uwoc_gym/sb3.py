@@ -185,6 +185,23 @@ class TrackingVecEnv(VecEnv):
         self._reset_options()
         return observations  # type: ignore[no-any-return]
 
+    def begin_anew(self, mask: Any) -> VecEnvObs:
+        """Begin another episode in some environments, whatever becomes of the one that is under way.
+
+        Args:
+            mask: Which of them, bool of shape (N,), with at least one.
+
+        Returns:
+            The observations, (N, size), of which those of the others are not to be used.
+
+        Raises:
+            ValueError: The mask has another type or shape, or nothing has begun yet.
+        """
+        observations, infos = self.vector_env.reset(options={"reset_mask": np.array(mask)})
+        for i in np.flatnonzero(mask).tolist():
+            self.reset_infos[i] = _lane(infos, i)
+        return observations  # type: ignore[no-any-return]
+
     def step_async(self, actions: Any) -> None:
         """Take actions of shape (N, actions)."""
         self._actions = actions

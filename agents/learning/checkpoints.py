@@ -104,29 +104,43 @@ def save_buffer(buffer: Any, path: Path) -> None:
     np.savez(path, pos=buffer.pos, full=buffer.full, **parts)
 
 
+def read_arrays(path: Path, names: Sequence[str]) -> dict[str, npt.NDArray[Any]]:
+    """Arrays that were saved together.
+
+    Raises:
+        CommandError: The file can't be read, lacks one of them, or one holds what isn't finite.
+    """
+    try:
+        with path.open("rb") as file, np.load(file) as saved:
+            held = {name: saved[name] for name in names}
+        if not all(np.isfinite(array).all() for array in held.values()):
+            raise ValueError("it holds what isn't finite")
+    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
+    except Exception as error:
+        raise damaged(path, error) from None
+    return held
+
+
 def read_buffer(path: Path, names: Sequence[str]) -> dict[str, npt.NDArray[Any]]:
     """Arrays of a saved replay buffer, each (transitions, environments, ...), oldest first; and whether it was "full".
 
     Raises:
         CommandError: The file can't be read, or lacks one of them.
     """
+    held = read_arrays(path, (*names, "pos", "full"))
     try:
-        with path.open("rb") as file, np.load(file) as saved:
-            held = {name: saved[name] for name in names}
-            pos, full = int(saved["pos"]), np.asarray(bool(saved["full"]))
+        pos, full = int(held.pop("pos")), np.asarray(bool(held.pop("full")))
         if len({array.shape[:2] for array in held.values()}) != 1 or not 0 <= pos <= len(held[names[0]]):
             raise ValueError("its arrays don't fit together")
-        if not all(np.isfinite(array).all() for array in held.values()):
-            raise ValueError("it holds what isn't finite")
-    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
-    except Exception as error:
-        raise _damaged(path, error) from None
+    except (TypeError, ValueError) as error:
+        raise damaged(path, error) from None
     return {name: np.roll(array, -pos, axis=0) if full else array[:pos] for name, array in held.items()} | {
         "full": full
     }
 
 
-def _damaged(path: Path, error: Exception) -> CommandError:
+def damaged(path: Path, error: Exception) -> CommandError:
+    """What to say of a file that can't be read."""
     text = " ".join(str(error).split())
     return CommandError(f"{path} can't be read: it is damaged, or of another run: {text[:200]}.")
 
@@ -150,5 +164,5 @@ def load_buffer(buffer: Any, path: Path) -> None:
             value[: len(held[name])] = held[name]
     # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
     except Exception as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, error) from None
     buffer.pos, buffer.full = pos, full

@@ -99,6 +99,45 @@ class BelievingVecEnv(VecEnvWrapper):
         return found, rewards, dones, infos
 
 
+class StaggeredVecEnv(VecEnvWrapper):
+    """Cuts the first episode of each environment short, at another step in each, so that a rollout has all parts in it.
+
+    Environments that begin together stay together where episodes are equally long, and each update then learns of one
+    part of an episode alone (Rudin et al., "Learning to Walk in Minutes Using Massively Parallel Deep Reinforcement
+    Learning", Conference on Robot Learning 2022).
+
+    Args:
+        venv: The environments, bare.
+    """
+
+    def __init__(self, venv: TrackingVecEnv) -> None:
+        super().__init__(venv)
+        self._bare = venv
+        self._cuts = np.zeros(0)
+        self._step = 0
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode in every environment."""
+        steps = self._bare.scenario.episode.steps
+        # Spread evenly, and neighbours far apart: whole shares of the golden ratio.
+        self._cuts = np.ceil(steps * (np.arange(1, self.num_envs + 1) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0))
+        self._step = 0
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Advance all environments by one control period."""
+        observations: Any
+        observations, rewards, dones, infos = self.venv.step_wait()
+        self._step += 1
+        cut = (self._cuts == self._step) & ~dones
+        if cut.any():
+            begun: Any = self._bare.begin_anew(cut)
+            for i in np.flatnonzero(cut).tolist():
+                infos[i] |= {"terminal_observation": np.array(observations[i]), "TimeLimit.truncated": True}
+            observations = np.where(cut[:, None], begun, observations)
+        return observations, rewards, dones | cut, infos
+
+
 class EpisodeMonitor(VecEnvWrapper):
     """Adds the return and length of ended episodes to their infos, as VecMonitor does, and keeps the latest.
 
@@ -114,12 +153,20 @@ class EpisodeMonitor(VecEnvWrapper):
         self.returns: deque[float] = deque(maxlen=window)
         self.availabilities: deque[float] = deque(maxlen=window)
         """Share of the time in the cone; empty for other environments."""
+        self.seen: Any = None
+        """The last observations, as a policy would get them that flies without what stands around this."""
         self._sums, self._lengths, self._inside = np.zeros((3, self.num_envs))
+
+    def forget(self) -> None:
+        """Keep nothing of the episodes until now."""
+        self.returns.clear()
+        self.availabilities.clear()
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in every environment."""
         self._sums, self._lengths, self._inside = np.zeros((3, self.num_envs))
-        return self.venv.reset()
+        self.seen = self.venv.reset()
+        return cast(VecEnvObs, self.seen)
 
     def step_wait(self) -> VecEnvStepReturn:
         """Advance all environments by one step.
@@ -136,6 +183,7 @@ class EpisodeMonitor(VecEnvWrapper):
         self._sums += rewards
         self._lengths += 1.0
         seen: Any = observations
+        self.seen = seen
         cone = self._in_cone
         if cone is not None:
             self._inside += seen[:, cone]
@@ -290,6 +338,10 @@ def wrapped(
         normalisation: Where its statistics stand; None to begin.
         beliefs: What filters add to the observations, if anything.
     """
+    if values["staggered"]:
+        if not isinstance(base, TrackingVecEnv):
+            raise CommandError("staggered is not allowed for environments of which there is no fleet.")
+        base = StaggeredVecEnv(base)
     monitor = EpisodeMonitor(base, None if scenario is None else scenario.observation.place("inside the cone"))
     env: VecEnv = monitor
     if controller is not None:

@@ -21,10 +21,11 @@ from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.corrections import Correction, correction
 from uwoc_gym.agents.policies.registry import gains_of_file, gains_path
 from uwoc_gym.agents.policies.residual import check_actions
+from uwoc_gym.agents.policies.saved import beliefs_of
 from uwoc_gym.agents.reports.files import read_json
 from uwoc_gym.agents.scenarios import Said, changes_of, json_object, merged, said
 from uwoc_gym.agents.wrapping import Wrapping, wrapping
-from uwoc_gym.baselines.beliefs import Beliefs
+from uwoc_gym.baselines.policy import Onlooker
 from uwoc_gym.given import LIMITS, closest, shown
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
@@ -111,6 +112,8 @@ class Plan:
     """What stands around the environments."""
     corrected: Correction | None
     """What the agent corrects, if anything."""
+    teacher: Correction | None
+    """Whom the agent copies before it learns from rewards, if anyone."""
     eval_every: int
     eval_episodes: int
     checkpoint_every: int
@@ -145,6 +148,7 @@ class Plan:
                     "base": self.base.to_dict() if self.base is not None else None,
                     "wrappers": self.wrapping.plain(),
                     "corrected_sha256": None if self.corrected is None else self.corrected.digest,
+                    "teacher_sha256": None if self.teacher is None else self.teacher.digest,
                     "eval_every": self.eval_every,
                     "eval_episodes": self.eval_episodes,
                     "checkpoint_every": self.checkpoint_every,
@@ -248,12 +252,17 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
     with of_source:
         _check_arguments(where, values)
         _check_filters(where, values)
+        if values["staggered"] and not where.fleet:
+            raise CommandError(f"staggered is not allowed for {env_id!r}, of which there is no fleet.")
         base, task = (_with_periods(each, values) for each in (where.base, where.task))
-    with nullcontext() if wish.residual is not None else naming(f"settings of {source or algorithm}"):
-        given = values["residual"]
-        if not wish.trust and isinstance(given, str) and not _is_typed(wish, "residual"):
-            _check_trusted(f"residual = {shown(given)}", given)
-        corrected = _corrected(where, given, wish.trust)
+    found: dict[str, Correction | None] = {}
+    for key in ("residual", "teacher"):
+        given = values[key]
+        with nullcontext() if _is_typed(wish, key) else naming(f"settings of {source or algorithm}"):
+            if not wish.trust and isinstance(given, str) and not _is_typed(wish, key):
+                _check_trusted(f"{key} = {shown(given)}", given)
+            found[key] = _other(where, key, given, wish.trust)
+    corrected, teacher = found["residual"], found["teacher"]
     if not wish.wrapper and not wish.trust:
         for each in known.get("wrappers", ()):
             _check_trusted(f"run.json: wrapper {shown(each['name'])}", each["name"])
@@ -271,6 +280,7 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         overrides=where.changes,
         wrapping=around if where.fleet or base is None else _of_singles(where, around, values),
         corrected=corrected,
+        teacher=teacher,
         eval_every=every,
         eval_episodes=episodes,
         checkpoint_every=wish.checkpoint_every or known.get("checkpoint_every", every),
@@ -283,7 +293,7 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
 
 def _is_typed(wish: Wish, setting: str) -> bool:
     """Whether a setting is of the command line, rather than of a file."""
-    return getattr(wish, setting) is not None or any(
+    return getattr(wish, setting, None) is not None or any(
         each.partition("=")[0].strip().split(".")[0] == setting for each in wish.set
     )
 
@@ -328,6 +338,11 @@ def check_same(plan: Plan, recorded: Mapping[str, Any], folder: Path) -> None:
     if wanted["corrected_sha256"] != recorded.get("corrected_sha256"):
         raise CommandError(
             f"--resume: the run in {folder} corrects another agent than {wanted['settings']['residual']!r} is now; put "
+            "that one back."
+        )
+    if wanted["teacher_sha256"] != recorded.get("teacher_sha256"):
+        raise CommandError(
+            f"--resume: the run in {folder} copies another agent than {wanted['settings']['teacher']!r} is now; put "
             "that one back."
         )
     if wanted["eval_episodes"] != recorded.get("eval_episodes"):
@@ -414,8 +429,8 @@ def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str,
     )
 
 
-def _corrected(where: _Where, given: Any, trust: bool) -> Correction | None:
-    """What is corrected.
+def _other(where: _Where, key: str, given: Any, trust: bool) -> Correction | None:
+    """The policy that is corrected (``residual``) or copied (``teacher``).
 
     Raises:
         CommandError: There is no such policy, it can't fly the scenario, or the environment isn't ours.
@@ -423,14 +438,14 @@ def _corrected(where: _Where, given: Any, trust: bool) -> Correction | None:
     if given is None:
         return None
     if where.task is None:
-        raise CommandError(
-            f"residual is not allowed for {where.env_id!r}, {_OTHERS}: no policy that is corrected knows what it sees."
-        )
-    found = correction(given, trust)
+        raise CommandError(f"{key} is not allowed for {where.env_id!r}, {_OTHERS}: no policy knows what it sees.")
+    found = correction(given, trust, key)
     assert found is not None
-    with naming(f"residual = {shown(given)} is not allowed"):
-        check_actions((len(where.task.actions),))
-        found.policy.pilot(where.task)
+    with naming(f"{key} = {shown(given)} is not allowed"):
+        if key == "residual":
+            check_actions((len(where.task.actions),))
+        if isinstance(found.policy.pilot(where.task), Onlooker):
+            raise CommandError("it decides on what no observation tells.")
     return found
 
 
@@ -444,8 +459,8 @@ def _check_filters(where: _Where, values: Mapping[str, Any]) -> None:
         return
     if where.task is None:
         raise CommandError(f"filtered is not allowed for {where.env_id!r}, {_OTHERS}: no filter knows what it sees.")
-    with naming("filtered = True is not allowed"):
-        Beliefs(where.task.known())
+    with naming(f"filtered = {shown(values['filtered'])} is not allowed"):
+        beliefs_of(values, where.task)
 
 
 def _check_arguments(where: _Where, values: Mapping[str, Any]) -> None:

@@ -26,6 +26,8 @@ class Progress:
     """Training seeds in use, counted over the times the run was resumed."""
     evaluations: list[dict[str, Any]] = field(default_factory=list)
     best_steps: int | None = None
+    lessons: int = 0
+    """Steps in which a teacher was copied; not among the others."""
     finished: bool = False
     counters: dict[str, int] = field(default_factory=dict)
     """What the model counts besides, by Stable-Baselines3's names."""
@@ -69,6 +71,7 @@ _KEPT: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "seconds": ("a number of seconds", _is_time),
     "learning_seconds": ("a number of seconds", _is_time),
     "seeds_used": ("a whole number of at least 0", _is_count),
+    "lessons": ("a whole number of at least 0", _is_count),
     "evaluations": ("a list of evaluations, each with steps and a mean return", _are_evaluations),
     "best_steps": ("null or a whole number of at least 0", lambda value: value is None or _is_count(value)),
     "counters": ("a mapping of names to whole numbers of at least 0", _are_counts),

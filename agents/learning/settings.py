@@ -18,6 +18,7 @@ from typing import Any
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS, policy_arguments
 from uwoc_gym.agents.policies.registry import MAY_BE
+from uwoc_gym.baselines.beliefs import LEARNED
 from uwoc_gym.given import (
     DEEPEST,
     LIMITS,
@@ -49,6 +50,10 @@ OWN: dict[str, Any] = {
     "normalize": False,
     "frame_stack": 1,
     "filtered": False,
+    "staggered": False,
+    "teacher": None,
+    "teacher_steps": 600_000,
+    "critic_steps": 0,
     "noise_type": None,
     "noise_std": 0.1,
     "residual": None,
@@ -58,8 +63,11 @@ OWN: dict[str, Any] = {
 """Settings that aren't the algorithm's own, with their defaults.
 
 ``env_kwargs`` are arguments of the environment; ``env_kwargs.scenario`` overrides the scenario in training alone, the
-others hold in evaluation too. ``filtered`` adds what `Beliefs` adds to the observations, and ``residual`` names the
-policy that the agent corrects by ``residual_scale``; these three are all that rl-baselines3-zoo doesn't know.
+others hold in evaluation too. What rl-baselines3-zoo doesn't know: ``filtered`` adds what `Beliefs` adds to the
+observations ("learned" where a network tracks the ship); ``residual`` names the policy that the agent corrects by
+``residual_scale``; ``staggered`` cuts first episodes short, so that rollouts hold all parts of episodes; ``teacher``
+names a policy whose actions the agent copies for ``teacher_steps`` before it learns from rewards, for the first
+``critic_steps`` of which only its critic does.
 """
 
 _NOT_SETTINGS = {
@@ -71,7 +79,7 @@ _SHARES = ("gamma", "gae_lambda", "tau")
 _COUNTS = {
     "n_envs": "environments", "n_timesteps": "steps", "frame_stack": "frames in a row", "n_steps": "transitions",
     "batch_size": "transitions", "n_epochs": "rounds", "buffer_size": "transitions", "stats_window_size": "transitions",
-    "policy_delay": "steps", "train_freq": "transitions",
+    "policy_delay": "steps", "train_freq": "transitions", "teacher_steps": "transitions",
 }  # fmt: skip
 """What counts something, and the name of its bounds in `LIMITS`."""
 _LONGEST_YAML = 2**20
@@ -251,6 +259,7 @@ def _check_together(algorithm: str, values: Mapping[str, Any], where: str) -> No
             f"{where}: n_steps = {values.get('n_steps', 1)} with n_envs = {values.get('n_envs', 1)} is not allowed; "
             f"their product must be at most {most:_}."
         )
+    _check_teacher(algorithm, values, where)
     if not ALGORITHMS[algorithm].off_policy:
         return
     if values.get("normalize") and values.get("frame_stack", 1) > 1:
@@ -266,19 +275,49 @@ def _check_together(algorithm: str, values: Mapping[str, Any], where: str) -> No
         )
 
 
+TAUGHT = ("ppo",)
+"""The algorithms whose agents can copy a teacher: those with a mean action and a critic apart from it, no memory."""
+
+
+def _check_teacher(algorithm: str, values: Mapping[str, Any], where: str) -> None:
+    """Refuse a teacher, and a time for the critic alone, where there is no place for one."""
+    for key in ("teacher", "critic_steps"):
+        if values[key] and algorithm not in TAUGHT:
+            raise CommandError(
+                f"{where}: {key} = {shown(values[key])} is not allowed for {algorithm}; the algorithm must be "
+                f"{' or '.join(TAUGHT)}."
+            )
+    if values["teacher"] is None:
+        return
+    if values["residual"] is not None:
+        raise CommandError(
+            f"{where}: teacher = {shown(values['teacher'])} is not allowed with residual = "
+            f"{shown(values['residual'])}, whose agent acts on something else; leave out one of them."
+        )
+    normalize = values["normalize"]
+    if normalize is True or (normalize and normalize.get("norm_obs", True)):
+        raise CommandError(
+            f"{where}: teacher = {shown(values['teacher'])} is not allowed with normalize = {shown(normalize)}, under "
+            "which the same observation looks another way later; set normalize.norm_obs=false."
+        )
+
+
 class _NotAllowedError(Exception):
     """A value is not allowed; the text says what is."""
 
 
 def _own(key: str, value: Any) -> Any:
     match key:
-        case "n_envs" | "n_timesteps" | "frame_stack":
+        case "n_envs" | "n_timesteps" | "frame_stack" | "teacher_steps":
             return _count(key, value)
         case "normalize":
             return _normalize(value)
-        case "filtered":
+        case "staggered":
             if not isinstance(value, bool):
                 raise _NotAllowedError("true or false")
+        case "filtered":
+            if not isinstance(value, bool) and value != LEARNED:
+                raise _NotAllowedError(f"true, false or {LEARNED}")
         case "noise_type":
             if value is not None and not (isinstance(value, str) and value in _NOISES):
                 raise _NotAllowedError(f"null or one of {', '.join(_NOISES)}")
@@ -296,7 +335,9 @@ def _own(key: str, value: Any) -> Any:
         case "policy":
             if not isinstance(value, str):
                 raise _NotAllowedError("the name of a policy, such as MlpPolicy")
-        case "residual":
+        case "critic_steps":
+            return _whole(value, 0, LIMITS["steps"].high)
+        case "residual" | "teacher":
             if value is not None and not isinstance(value, (str, dict)):
                 raise _NotAllowedError(f"null, a mapping of gains, or {MAY_BE}")
     return value

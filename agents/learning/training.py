@@ -20,6 +20,7 @@ from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints, environments
+from uwoc_gym.agents.learning.imitation import Lessons, hold
 from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
 from uwoc_gym.agents.learning.progress import Progress, read_progress
 from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, BATCH, training_seed
@@ -45,6 +46,9 @@ LINES = 24
 
 _LAST, _BEST = "last.zip", "best.zip"
 """The last agent, in the run's folder and in a checkpoint, and the best one in a checkpoint."""
+
+_BUFFER, _LESSONS = "replay.npz", "lessons.npz"
+"""What a checkpoint holds besides, where there is any."""
 
 _COUNTERS = ("_n_updates", "_episode_num")
 """What a model counts besides its steps, by Stable-Baselines3's names."""
@@ -187,6 +191,7 @@ class Run:
         )
         self.env = env
         self.model = self._make(first)
+        self.lessons = self._lessons(practice, first)
         if resume is not None:
             self._restore(resume)
         # What is resumed gets episodes and noise of its own, not those it has seen.
@@ -213,10 +218,18 @@ class Run:
             return None
         return Named(corrected.policy.pilot(scenario), corrected.policy.name)
 
+    def _lessons(self, scenario: Scenario | None, seed: int) -> Lessons | None:
+        """What is still to be learned from a teacher, if anything."""
+        plan = self.plan
+        steps = plan.values["teacher_steps"]
+        if plan.teacher is None or scenario is None or self.progress.lessons >= steps:
+            return None
+        teacher = Named(plan.teacher.policy.pilot(scenario), plan.teacher.policy.name)
+        return Lessons(self.model, self.monitor, teacher, steps, seed)
+
     def _beliefs(self) -> Beliefs | None:
         """What filters add to observations; they know what is scored, in practice too."""
-        task = self.plan.task
-        return Beliefs(task.known()) if self.plan.values["filtered"] and task is not None else None
+        return saved.beliefs_of(self.plan.values, self.plan.task)
 
     def _restore(self, path: Path) -> None:
         """Put the model back where a checkpoint left it."""
@@ -224,7 +237,9 @@ class Run:
         counted = {name: int(self.progress.counters.get(name, 0)) for name in _COUNTERS}
         vars(self.model).update(counted, num_timesteps=self.progress.steps)
         if self.kind.off_policy:
-            checkpoints.load_buffer(self.model.replay_buffer, path / "replay.npz")
+            checkpoints.load_buffer(self.model.replay_buffer, path / _BUFFER)
+        if self.lessons is not None:
+            self.lessons.restore(path / _LESSONS)
 
     def agent(self) -> Agent:
         """The present policy, as it would fly after training."""
@@ -256,6 +271,12 @@ class Run:
             f"in {_some(envs, 'environment')}; {_some(ahead.validations, 'validation')} of "
             f"{plan.eval_episodes} episodes{'' if lot else ' at most'}"
         ]
+        if self.lessons is not None:
+            copied, before = plan.values["teacher_steps"], self.progress.lessons
+            done_before = f", {before:,} of them done" if before else ""
+            assert plan.teacher is not None
+            whom = plan.teacher.policy.name
+            lines.append(f"before that at least {copied:,} steps in which it copies {whom}{done_before}")
         if plan.task is None or plan.practice is None or plan.task == plan.practice:
             return lines
         unlike = differences(plan.practice, plan.task)
@@ -297,6 +318,8 @@ class Run:
             ):
                 callback = _Watch(self, shown, asked, begun)
                 self._score_baselines()
+                if self.lessons is not None:
+                    callback.take(self.lessons)
                 if total > self.progress.steps:
                     self.model.learn(
                         total - self.progress.steps, callback, log_interval=None, reset_num_timesteps=False
@@ -394,7 +417,9 @@ class Run:
         if self.progress.best_steps is not None:
             files.copy(self.folder / saved.MODEL, folder / _BEST)
         if self.kind.off_policy:
-            checkpoints.save_buffer(self.model.replay_buffer, folder / "replay.npz")
+            checkpoints.save_buffer(self.model.replay_buffer, folder / _BUFFER)
+        if self.lessons is not None:
+            self.lessons.save(folder / _LESSONS)
         files.write_json(folder / "progress.json", self.progress.__dict__)
 
     def write_results(self) -> None:
@@ -435,9 +460,31 @@ class _Watch(BaseCallback):
         self._next_checkpoint = _after(done, plan.checkpoint_every)
         self._shown = 0.0
 
+    def take(self, lessons: Lessons) -> None:
+        """Copy the teacher; a checkpoint stands after each round.
+
+        Raises:
+            Interruption: The process was asked to stop; the round that was under way is lost.
+        """
+        run, rounds = self._run, lessons.rounds
+        # What `fly` does shows up in the returns of episodes, which aren't the agent's.
+        for steps in lessons.fly():
+            self._bar.set_postfix_str(f"copied {steps:,} steps")
+            if lessons.rounds > rounds or self._asked:
+                rounds, run.progress.lessons = lessons.rounds, lessons.steps
+                self._count(learning=True)
+                run.checkpoint()
+                self._count(learning=False)
+            if self._asked:
+                raise Interruption(self._asked[0], run.progress.steps)
+        run.lessons = None
+        run.monitor.forget()
+
     def _on_rollout_start(self) -> None:
         run = self._run
         self._clean_steps = self.model.num_timesteps
+        if run.plan.values["critic_steps"]:
+            hold(self.model.policy, self._clean_steps < run.plan.values["critic_steps"])
         self._count(learning=True)
         if self._asked:
             self._stop()

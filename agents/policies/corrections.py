@@ -46,12 +46,15 @@ class Correction:
         return None if self.data is None else hashlib.sha256(self.data).hexdigest()
 
 
-def correction(given: str | Mapping[str, Any] | None, trust: bool = False) -> Correction | None:
-    """What is corrected; None for nothing.
+def correction(
+    given: str | Mapping[str, Any] | None, trust: bool = False, called: str = "residual"
+) -> Correction | None:
+    """What is corrected, or copied; None for nothing.
 
     Args:
         given: All that a policy may be given as, or the gains themselves.
         trust: Whether an agent's file may name code, which is run.
+        called: The setting that it is given as.
 
     Raises:
         CommandError: There is no such policy, or it can't be loaded.
@@ -63,7 +66,7 @@ def correction(given: str | Mapping[str, Any] | None, trust: bool = False) -> Co
             return _of_gains("gains", gains_of(given, shown(dict(given))))
         return _named(given, trust)
     except CommandError as error:
-        raise CommandError(f"residual = {shown(given)} is not allowed; {error}") from None
+        raise CommandError(f"{called} = {shown(given)} is not allowed; {error}") from None
 
 
 def _named(name: str, trust: bool) -> Correction:

@@ -43,6 +43,8 @@ LOOKS: dict[str, Look] = {
     "ekf-pd": Look("#D2732A", "solid"),
     "ekf-nlpd": Look("#4F74C4", "solid"),
     "ekf-lqr": Look("#C9476A", "solid"),
+    "gru-nlpd": Look("#3A7CA5", "dashdot"),
+    "gru-lqr": Look("#B5558A", "dashdot"),
     "los": Look("#A8622C", "longdash"),
     "mppi": Look("#7A6FBE", "solid"),
     "clairvoyant": Look("#7D858C", "longdashdot"),

@@ -15,7 +15,7 @@ from uwoc_gym.agents.policies import archive, foreign
 from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.archive import Description, Normalisation, Source
-from uwoc_gym.baselines.beliefs import Beliefs
+from uwoc_gym.baselines.beliefs import LEARNED, Beliefs
 from uwoc_gym.baselines.controllers import Tuned
 from uwoc_gym.baselines.policy import Policy, Predictor
 from uwoc_gym.parameters import SettingError
@@ -47,6 +47,7 @@ def describe(
         normalisation: Its normalisation as it stands, if any.
         around: The wrappers that it was trained in, if any.
     """
+    beliefs = beliefs_of(values, scenario)
     residual = None if corrected is None else {**corrected, "scale": values["residual_scale"]}
     return Description(
         description=f"{ALGORITHMS[algorithm].name} trained on {name}{f' in {around}' if around else ''}",
@@ -60,8 +61,23 @@ def describe(
         frame_stack=values["frame_stack"],
         normalisation=normalisation,
         residual=residual,
-        beliefs=list(Beliefs(scenario.known()).names) if values["filtered"] and scenario is not None else None,
+        beliefs=None if beliefs is None else list(beliefs.names),
     )
+
+
+def beliefs_of(values: Mapping[str, Any], scenario: Scenario | None) -> Beliefs | None:
+    """What filters add to observations by checked settings, if anything.
+
+    Args:
+        values: Checked settings.
+        scenario: What is scored, which filters know in practice too; None for environments of others.
+
+    Raises:
+        SettingError: There is nothing to filter in it.
+    """
+    if not values["filtered"] or scenario is None:
+        return None
+    return Beliefs(scenario.known(), learned=values["filtered"] == LEARNED)
 
 
 def _check_layout(name: str, layout: Mapping[str, Any], scenario: Scenario) -> None:
@@ -153,7 +169,8 @@ def _built(name: str, parts: _Parts, find: Find, scenario: Scenario, trust: bool
     description = parts.description
     assert description.observation is not None
     _check_layout(name, description.observation, scenario)
-    beliefs = None if description.beliefs is None else _beliefs(name, description.beliefs, scenario)
+    with naming(f"policy {name!r} was trained behind filters"):
+        beliefs = None if description.beliefs is None else Beliefs.named(description.beliefs, scenario)
     residual = description.residual
     if residual is None:
         return Agent(parts.policy, parts.normalise, description.frame_stack, beliefs=beliefs)
@@ -162,21 +179,6 @@ def _built(name: str, parts: _Parts, find: Find, scenario: Scenario, trust: bool
         return Agent(parts.policy, parts.normalise, description.frame_stack, controller, residual["scale"], beliefs)
     except (SettingError, TypeError, KeyError) as error:
         raise CommandError(f"policy {name!r} has a residual that is not allowed: {error}") from None
-
-
-def _beliefs(name: str, told: list[str], scenario: Scenario) -> Beliefs:
-    """The filters of an agent that was trained behind some.
-
-    Raises:
-        CommandError: They add other entries than they did in training.
-    """
-    found = Beliefs(scenario)
-    if list(found.names) != told:
-        raise CommandError(
-            f"policy {name!r} was trained behind filters that add {', '.join(told)}; here they add "
-            f"{', '.join(found.names)}."
-        )
-    return found
 
 
 def _corrected(

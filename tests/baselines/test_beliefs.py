@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from uwoc_gym import Scenario, SettingError, TrackingVectorEnv, unpack
 from uwoc_gym.baselines.beliefs import Beliefs
 from uwoc_gym.baselines.law import observer
+from uwoc_gym.baselines.learned_tracker import LearnedTracker
 
 LATE, TIDE = Scenario.named("LateFix"), Scenario.named("Tide")
 
@@ -28,9 +31,10 @@ def flown(scenario: Scenario, lanes: int, steps: int) -> list[tuple[npt.NDArray[
     return found
 
 
-def test_the_ship_that_is_believed_stands_as_one_that_is_seen() -> None:
+@pytest.mark.parametrize(("learned", "tracker"), [(False, True), (True, LearnedTracker)])
+def test_the_ship_that_is_believed_stands_as_one_that_is_seen(learned: bool, tracker: Any) -> None:
     """The further entries are those that `unpack` reads where the ship is observed, of what the law's filter says."""
-    beliefs, law = Beliefs(LATE.known()), observer(LATE.known(), True, {})
+    beliefs, law = Beliefs(LATE.known(), learned), observer(LATE.known(), tracker, {})
     full = LATE.merged({"observation.groups": ["ship", "ship-acceleration"]}).observation
     memory = own = None
     for observation, begun in flown(LATE, 3, 90):
@@ -46,7 +50,8 @@ def test_the_ship_that_is_believed_stands_as_one_that_is_seen() -> None:
             np.testing.assert_allclose(getattr(told, name), wanted, atol=2e-5, err_msg=name)
         np.testing.assert_allclose(found[:, size + full.size :], seen.water_velocity, atol=1e-6)  # type: ignore[arg-type]
     assert len(beliefs.names) == full.size + 2
-    assert beliefs.names[0] == "believed ship position ahead"
+    assert beliefs.names[0] == f"{'learned' if learned else 'believed'} ship position ahead"
+    assert Beliefs.named(beliefs.names, LATE.known()).names == beliefs.names
 
 
 def test_where_the_ship_is_seen_only_the_water_is_added() -> None:
@@ -66,10 +71,12 @@ def test_where_the_ship_is_seen_only_the_water_is_added() -> None:
     assert np.hypot(*(found[:, -2:] - truth).T).mean() < 0.3 * np.hypot(x, y).mean()
 
 
-@pytest.mark.parametrize("scenario", [LATE, TIDE], ids=["LateFix", "Tide"])
-def test_an_episode_forgets_those_before_it_and_beside_it(scenario: Scenario) -> None:
+@pytest.mark.parametrize(
+    ("scenario", "learned"), [(LATE, False), (LATE, True), (TIDE, False)], ids=["LateFix", "learned", "Tide"]
+)
+def test_an_episode_forgets_those_before_it_and_beside_it(scenario: Scenario, learned: bool) -> None:
     short = scenario.merged({"episode.duration_s": 1.0})
-    beliefs = Beliefs(short.known())
+    beliefs = Beliefs(short.known(), learned)
     together, alone = flown(short, 3, 45), None
     memory = None
     for i, (observation, begun) in enumerate(together):
@@ -87,3 +94,5 @@ def test_nothing_to_filter_is_refused() -> None:
     unmoved = LATE.merged({"observation.groups": ["fix", "link"]})
     with pytest.raises(SettingError, match="needs the observation group 'velocity'"):
         Beliefs(unmoved.known())
+    with pytest.raises(SettingError, match="nothing to track where the ship is observed at all times"):
+        Beliefs(TIDE.known(), learned=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import pytest
 
 from uwoc_gym import Scenario, TrackingEnv
@@ -92,8 +93,8 @@ def test_wrapped_ids_of_others_keep_override_and_residual(tmp_path: Path) -> Non
     [
         (["--env", "Stubborn-v0", "--override", "episode.duration_s=1"], "it must hand scenario= on to TrackingEnv"),
         (["--env", "Stacked-v0", "--override", "episode.duration_s=1"], "so that there is no scenario"),
-        (["--env", "Stacked-v0", "--residual", "pd"], "no policy that is corrected knows what it sees"),
-        (["--env", "CartPole-v1", "--residual", "pd"], "no policy that is corrected knows what it sees"),
+        (["--env", "Stacked-v0", "--residual", "pd"], "no policy knows what it sees"),
+        (["--env", "CartPole-v1", "--residual", "pd"], "no policy knows what it sees"),
         (["--env", "Late-v0", "--wrapper", "gymnasium.wrappers.vector:ClipAction"], "goes around vector environments"),
     ],
 )
@@ -105,3 +106,49 @@ def test_what_means_nothing_to_an_id_is_refused_with_the_reason(
     assert reason in error
     assert len(error.splitlines()) == 1
     assert not (tmp_path / "run").exists()
+
+
+STEPS = 40
+STAGGERED = Scenario.named("Random").merged({"episode": {"duration_s": STEPS * 0.05}})
+
+
+def test_first_episodes_are_cut_at_other_steps_and_later_ones_whole() -> None:
+    env = environments.StaggeredVecEnv(TrackingVecEnv("uwoc/Random-v0", 8, seed=0, scenario=STAGGERED))
+    env.reset()
+    ends: list[list[int]] = [[] for _ in range(8)]
+    actions = np.zeros((8, 3), dtype=np.float32)
+    for step in range(1, 3 * STEPS + 1):
+        observations, _, dones, infos = env.step(actions)
+        for i in np.flatnonzero(dones).tolist():
+            ends[i].append(step)
+            assert infos[i]["TimeLimit.truncated"] is True
+            assert infos[i]["terminal_observation"].shape == observations[i].shape
+            assert not np.array_equal(infos[i]["terminal_observation"], observations[i])
+    first = [each[0] for each in ends]
+    assert len(set(first)) == 8
+    # Spread over the whole length, and none longer.
+    assert max(np.diff(sorted([0, *first, STEPS]))) <= STEPS / 4
+    assert all(np.diff(each).tolist() == [STEPS] * (len(each) - 1) for each in ends)
+
+
+def test_what_is_cut_goes_on_as_the_environment_would() -> None:
+    cut, whole = (TrackingVecEnv("uwoc/Random-v0", 8, seed=0, scenario=STAGGERED) for _ in range(2))
+    env = environments.StaggeredVecEnv(cut)
+    np.testing.assert_array_equal(env.reset(), whole.reset())
+    actions = np.zeros((8, 3), dtype=np.float32)
+    seen, wanted = [], []
+    for _ in range(2 * STEPS + 1):
+        seen.append(env.step(actions))
+        wanted.append(whole.step(actions))
+    for i in range(8):
+        begun = next(step for step, each in enumerate(seen) if each[2][i])
+        ended = next(step for step, each in enumerate(wanted) if each[2][i])
+        # The second episode is the same, whenever it begins.
+        for offset in range(STEPS):
+            np.testing.assert_array_equal(seen[begun + offset][0][i], wanted[ended + offset][0][i])
+        np.testing.assert_array_equal(seen[begun][3][i]["terminal_observation"], wanted[begun][0][i])
+
+
+def test_what_has_no_fleet_isnt_staggered(tmp_path: Path, ids: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "--env", "Late-v0", "--set", "staggered=true", "--out", str(tmp_path / "run")]) == 1
+    assert "staggered is not allowed for 'Late-v0', of which there is no fleet" in capsys.readouterr().err

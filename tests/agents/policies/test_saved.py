@@ -106,7 +106,7 @@ def test_a_filtered_agent_is_saved_and_flies_as_it_was_scored(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--set", "filtered=1"], "filtered = 1 is not allowed; it must be true or false"),
+        (["--set", "filtered=1"], "filtered = 1 is not allowed; it must be true, false or learned"),
         (["--env", "CartPole-v1", "--set", "filtered=true"], "filtered is not allowed for 'CartPole-v1'"),
         (
             ["--override", '{"observation": {"groups": ["ship", "link"]}}', "--set", "filtered=true"],

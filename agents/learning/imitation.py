@@ -1,0 +1,134 @@
+"""Learning from a teacher before learning from rewards: where the agent comes to, what would the teacher do?
+
+Copying flights of the teacher alone fails where the copy strays from them. So, round by round, ever fewer environments
+are flown by the teacher and ever more by the agent, and all that was seen is labelled with what the teacher would have
+done (Ross, Gordon and Bagnell, "A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
+Learning", AISTATS 2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.nn.functional import mse_loss
+from torch.nn.utils import clip_grad_norm_
+
+from uwoc_gym.agents.learning import checkpoints
+from uwoc_gym.agents.learning.environments import EpisodeMonitor
+from uwoc_gym.baselines.policy import Predictor
+
+ROUNDS = 12
+"""How many times the agent learns from all that was labelled until then."""
+
+_FIRST_RATE, _LAST_RATE = 1e-3, 1e-4
+"""Learning rates of the first round and the last."""
+
+_BATCH = 512
+_PASSES = 3.0
+"""How often a round goes through all that was labelled."""
+
+
+class Lessons:
+    """What a teacher would do where an agent comes to, and how the agent learns it.
+
+    Args:
+        model: The agent, of an algorithm in `settings.TAUGHT`.
+        monitor: Tells what the teacher sees: observations before anything is added to them.
+        teacher: Who knows what to do.
+        steps: Steps to fly in all; whole lots of a round.
+        seed: Of who flies, and of the order in which is learned.
+    """
+
+    def __init__(self, model: Any, monitor: EpisodeMonitor, teacher: Predictor, steps: int, seed: int) -> None:
+        self._model, self._monitor, self._teacher = model, monitor, teacher
+        self._rng = np.random.default_rng(seed)
+        self._length = -(-steps // (ROUNDS * monitor.num_envs))
+        self._seen: list[torch.Tensor] = []
+        self._told: list[torch.Tensor] = []
+        self._optimizer = torch.optim.Adam(model.policy.parameters(), _FIRST_RATE)
+
+    @property
+    def rounds(self) -> int:
+        """How many rounds were learned from."""
+        return len(self._seen)
+
+    @property
+    def steps(self) -> int:
+        """Steps that were flown for them."""
+        return self.rounds * self._length * self._monitor.num_envs
+
+    def fly(self) -> Iterator[int]:
+        """Fly and learn to the end of the last round; yields the steps so far, last after the round was learned from.
+
+        What is asked to stop between two steps loses the round that is under way.
+        """
+        env = self._model.get_env()
+        observation, begun, memory = env.reset(), np.ones(env.num_envs, dtype=bool), None
+        largest = float(self._model.policy.log_std.detach().exp().mean())
+        while self.rounds < ROUNDS:
+            taught = self._rng.random(env.num_envs) < 1.0 - 2.0 * self.rounds / ROUNDS
+            # Some without noise, as the agent will fly in the end, and some as it will explore.
+            noise = self._rng.uniform(0.0, largest, (env.num_envs, 1))
+            seen, told = [], []
+            for step in range(self._length):
+                action, memory = self._teacher.predict(self._monitor.seen, memory, begun)
+                seen.append(torch.as_tensor(np.array(observation)))
+                told.append(torch.as_tensor(np.array(action)))
+                own, _ = self._model.predict(observation, deterministic=True)
+                flown = np.where(taught[:, None], action, own) + noise * self._rng.standard_normal(own.shape)
+                observation, _, begun, _ = env.step(np.clip(flown, -1.0, 1.0).astype(np.float32))
+                if step < self._length - 1:
+                    yield self.steps + (step + 1) * env.num_envs
+            self._seen.append(torch.cat(seen))
+            self._told.append(torch.cat(told))
+            self._learn()
+            yield self.steps
+
+    def _learn(self) -> None:
+        """Go through all that was labelled; the mean action nears what the teacher would have done."""
+        seen, told = torch.cat(self._seen), torch.cat(self._told)
+        policy = self._model.policy
+        policy.set_training_mode(True)
+        done = (self.rounds - 1) / (ROUNDS - 1)
+        for group in self._optimizer.param_groups:
+            group["lr"] = _FIRST_RATE + (_LAST_RATE - _FIRST_RATE) * done
+        for _ in range(max(1, round(_PASSES * len(seen) / _BATCH))):
+            some = torch.as_tensor(self._rng.integers(len(seen), size=min(_BATCH, len(seen))))
+            loss = mse_loss(policy.get_distribution(seen[some]).distribution.mean, told[some])
+            self._optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            clip_grad_norm_(policy.parameters(), 1.0)
+            self._optimizer.step()
+
+    def save(self, path: Path) -> None:
+        """Keep what was labelled."""
+        np.savez(path, seen=_whole(self._seen), told=_whole(self._told))
+
+    def restore(self, path: Path) -> None:
+        """Go on with what was labelled before.
+
+        Raises:
+            CommandError: The file can't be read, or is of other lessons.
+        """
+        held = checkpoints.read_arrays(path, ("seen", "told"))
+        lot = self._length * self._monitor.num_envs
+        sizes = {len(array) for array in held.values()}
+        if len(sizes) != 1 or min(sizes) % lot:
+            raise checkpoints.damaged(path, ValueError("its arrays don't fit together"))
+        self._seen, self._told = (
+            [torch.as_tensor(array[i : i + lot]) for i in range(0, len(array), lot)] for array in held.values()
+        )
+
+
+def _whole(parts: list[torch.Tensor]) -> Any:
+    return torch.cat(parts).numpy() if parts else np.zeros((0, 1), dtype=np.float32)
+
+
+def hold(policy: Any, held: bool) -> None:
+    """Let the critic alone learn, or everything again."""
+    for name, each in policy.named_parameters():
+        each.requires_grad_(not held or "value_net" in name)
