@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.flight import check_flights, decision_time, possible
 from uwoc_gym.agents.learning import protocol
-from uwoc_gym.agents.learning.protocol import GROUPS
+from uwoc_gym.agents.learning.protocol import GROUPS, USUAL
 from uwoc_gym.agents.learning.seeds import BATCH, HELD_OUT, RUNS
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
@@ -32,10 +33,17 @@ examples:
   uwoc-gym protocol --runs runs/protocol --out benchmark
   uwoc-gym protocol --runs runs/protocol --groups ppo --training-seeds 3 --scenario Random --out benchmark
   uwoc-gym protocol --runs runs/protocol --out benchmark --ship trained
+  uwoc-gym protocol --runs runs/tide --groups ppo-tide --rivals nlpd@Tide los@Tide --out benchmark-tide
 """
 
 RIVALS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
 """The controllers that fly beside the groups by default."""
+
+
+def _usual(groups: Sequence[str]) -> list[str]:
+    """What is flown if nothing is said: the worlds in which groups are trained, for those of Random all like it."""
+    own = dict.fromkeys(GROUPS[name].wish.env for name in groups)
+    return [each for env_id in own for each in ([env_id] if env_id is not None else _like_random())]
 
 
 def _like_random() -> list[str]:
@@ -50,14 +58,16 @@ def _like_random() -> list[str]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument(
-        "--groups", nargs="+", default=list(GROUPS), choices=list(GROUPS), metavar="GROUP",
-        help=f"what to train (default: {' '.join(GROUPS)})",
+        "--groups", nargs="+", default=list(USUAL), choices=list(GROUPS), metavar="GROUP",
+        help=f"what to train, of {' '.join(GROUPS)} (default: {' '.join(USUAL)})",
     )  # fmt: skip
     parser.add_argument(
         "--training-seeds", type=whole("seeds", low=0, high=RUNS), metavar="N",
-        help="trainings of each group (default: the group's own, 10 or 3); 0 for controllers alone",
+        help="trainings of each group (default: the group's own, 10, 5 or 3); 0 for controllers alone",
     )  # fmt: skip
-    add_scenario_arguments(parser, _like_random(), "what is flown: ", many=True)
+    add_scenario_arguments(
+        parser, None, "what is flown, by default that of the groups, or all that looks like Random: ", many=True
+    )
     add_wrapper_argument(parser)
     parser.add_argument(
         "--rivals",
@@ -94,6 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train what is missing, fly everything and report; returns the exit status."""
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
+    args.scenario = args.scenario or _usual(args.groups)
     scenarios = scenarios_of(args)
     around = wrapping_of(args)
     rivals = list(dict.fromkeys([*args.rivals, comparison.REFERENCE]))

@@ -62,8 +62,26 @@ GROUPS: dict[str, Group] = {
         "PPO on the last observation alone",
     ),
     "td3": Group(Wish(algorithm="td3", eval_every=30_000, eval_episodes=64), 3, "TD3 on the last four observations"),
+    "ppo-underactuated": Group(
+        Wish(algorithm="ppo", env="uwoc/Underactuated-v0", eval_every=500_000, eval_episodes=192),
+        5,
+        "PPO behind a filter for the current, without a sway force",
+    ),
+    "ppo-tide": Group(
+        Wish(algorithm="ppo", env="uwoc/Tide-v0", eval_every=1_000_000, eval_episodes=192),
+        5,
+        "PPO behind a filter for the current, after it has copied a planner",
+    ),
+    "ppo-latefix": Group(
+        Wish(algorithm="ppo", env="uwoc/LateFix-v0", eval_every=1_000_000, eval_episodes=192),
+        5,
+        "PPO behind a network that tracks the ship, after it has copied gru-nlpd",
+    ),
 }
 """The groups of the benchmark; settings are those in `agents/settings/`."""
+
+USUAL = tuple(name for name, group in GROUPS.items() if group.wish.env is None)
+"""Those that are trained on Random, and on equal terms in all that looks like it."""
 
 
 def train_all(jobs: Sequence[Job], at_a_time: int) -> None:

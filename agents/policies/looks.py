@@ -51,6 +51,7 @@ LOOKS: dict[str, Look] = {
     "ppo": Look("#009E73", "solid"),
     "ppo-residual": Look("#CC5FA0", "longdashdot"),
     "ppo-underactuated": Look("#2E9E4F", "longdash"),
+    "ppo-tide": Look("#00897B", "dash"),
     "ppo-latefix": Look("#4C9A2A", "dashdot"),
     "ppo-one-frame": Look("#7F9400", "dash"),
     "td3": Look("#9461D8", "dot"),
