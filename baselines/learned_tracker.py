@@ -64,6 +64,19 @@ class Weights(NamedTuple):
         """Units H."""
         return len(self.hidden)
 
+    def step(self, features: Array, state: Array) -> Array:
+        """The state, (N, H), after fixes, (N, FEATURES), from the one before."""
+        reset, update, new = np.split(features @ self.gates_in.T + self.gates_in_bias, 3, axis=1)
+        own_reset, own_update, own_new = np.split(state @ self.gates_own.T + self.gates_own_bias, 3, axis=1)
+        reset, update = _sigmoid(reset + own_reset), _sigmoid(update + own_update)
+        found: Array = (1.0 - update) * np.tanh(new + reset * own_new) + update * state
+        return found
+
+    def way(self, state: Array) -> Array:
+        """The coefficients of what follows, (N, OUTPUTS), for states, (N, H); see `motion`."""
+        found: Array = np.tanh(state @ self.hidden.T + self.hidden_bias) @ self.out.T + self.out_bias
+        return found
+
 
 @cache
 def read_weights(path: str | Path) -> Weights:
@@ -176,23 +189,10 @@ class LearnedTracker:
         if some.size:
             first = heard.begun[some]
             features = told(heard.ship[some], ship[some], heard.ping_s[some] - ping_s[some], first)
-            state[some] = self._step(features, np.where(first[:, None], 0.0, state[some]))
-            coefficients[some] = self._way(state[some])
+            state[some] = self._weights.step(features, np.where(first[:, None], 0.0, state[some]))
+            coefficients[some] = self._weights.way(state[some])
             ship[some], ping_s[some] = heard.ship[some], heard.ping_s[some]
         return completed(seen, heard.place, *_now(coefficients, ship, heard.age_s)), (*reckoned, *own)
-
-    def _step(self, features: Array, state: Array) -> Array:
-        w = self._weights
-        reset, update, new = np.split(features @ w.gates_in.T + w.gates_in_bias, 3, axis=1)
-        own_reset, own_update, own_new = np.split(state @ w.gates_own.T + w.gates_own_bias, 3, axis=1)
-        reset, update = _sigmoid(reset + own_reset), _sigmoid(update + own_update)
-        found: Array = (1.0 - update) * np.tanh(new + reset * own_new) + update * state
-        return found
-
-    def _way(self, state: Array) -> Array:
-        w = self._weights
-        found: Array = np.tanh(state @ w.hidden.T + w.hidden_bias) @ w.out.T + w.out_bias
-        return found
 
 
 def _sigmoid(value: Array) -> Array:

@@ -40,7 +40,7 @@ RIVALS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
 """The controllers that fly beside the groups by default."""
 
 
-def _usual(groups: Sequence[str]) -> list[str]:
+def usual_scenarios(groups: Sequence[str]) -> list[str]:
     """What is flown if nothing is said: the worlds in which groups are trained, for those of Random all like it."""
     own = dict.fromkeys(GROUPS[name].wish.env for name in groups)
     return [each for env_id in own for each in ([env_id] if env_id is not None else _like_random())]
@@ -104,7 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train what is missing, fly everything and report; returns the exit status."""
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
-    args.scenario = args.scenario or _usual(args.groups)
+    args.scenario = args.scenario or usual_scenarios(args.groups)
     scenarios = scenarios_of(args)
     around = wrapping_of(args)
     rivals = list(dict.fromkeys([*args.rivals, comparison.REFERENCE]))

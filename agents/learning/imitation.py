@@ -44,17 +44,19 @@ class Lessons:
     """
 
     def __init__(self, model: Any, monitor: EpisodeMonitor, teacher: Predictor, steps: int, seed: int) -> None:
-        self._model, self._monitor, self._teacher = model, monitor, teacher
+        self.model, self._monitor, self._teacher = model, monitor, teacher
         self._rng = np.random.default_rng(seed)
         self._length = -(-steps // (ROUNDS * monitor.num_envs))
-        self._seen: list[torch.Tensor] = []
-        self._told: list[torch.Tensor] = []
+        self.seen: list[torch.Tensor] = []
+        """What was seen, (steps, entries) of each round."""
+        self.told: list[torch.Tensor] = []
+        """What the teacher would have done, (steps, actions) of each."""
         self._optimizer = torch.optim.Adam(model.policy.parameters(), _FIRST_RATE)
 
     @property
     def rounds(self) -> int:
         """How many rounds were learned from."""
-        return len(self._seen)
+        return len(self.seen)
 
     @property
     def steps(self) -> int:
@@ -66,9 +68,9 @@ class Lessons:
 
         What is asked to stop between two steps loses the round that is under way.
         """
-        env = self._model.get_env()
+        env = self.model.get_env()
         observation, begun, memory = env.reset(), np.ones(env.num_envs, dtype=bool), None
-        largest = float(self._model.policy.log_std.detach().exp().mean())
+        largest = float(self.model.policy.log_std.detach().exp().mean())
         while self.rounds < ROUNDS:
             taught = self._rng.random(env.num_envs) < 1.0 - 2.0 * self.rounds / ROUNDS
             # Some without noise, as the agent will fly in the end, and some as it will explore.
@@ -78,20 +80,20 @@ class Lessons:
                 action, memory = self._teacher.predict(self._monitor.seen, memory, begun)
                 seen.append(torch.as_tensor(np.array(observation)))
                 told.append(torch.as_tensor(np.array(action)))
-                own, _ = self._model.predict(observation, deterministic=True)
+                own, _ = self.model.predict(observation, deterministic=True)
                 flown = np.where(taught[:, None], action, own) + noise * self._rng.standard_normal(own.shape)
                 observation, _, begun, _ = env.step(np.clip(flown, -1.0, 1.0).astype(np.float32))
                 if step < self._length - 1:
                     yield self.steps + (step + 1) * env.num_envs
-            self._seen.append(torch.cat(seen))
-            self._told.append(torch.cat(told))
+            self.seen.append(torch.cat(seen))
+            self.told.append(torch.cat(told))
             self._learn()
             yield self.steps
 
     def _learn(self) -> None:
         """Go through all that was labelled; the mean action nears what the teacher would have done."""
-        seen, told = torch.cat(self._seen), torch.cat(self._told)
-        policy = self._model.policy
+        seen, told = torch.cat(self.seen), torch.cat(self.told)
+        policy = self.model.policy
         policy.set_training_mode(True)
         done = (self.rounds - 1) / (ROUNDS - 1)
         for group in self._optimizer.param_groups:
@@ -106,7 +108,7 @@ class Lessons:
 
     def save(self, path: Path) -> None:
         """Keep what was labelled."""
-        np.savez(path, seen=_whole(self._seen), told=_whole(self._told))
+        np.savez(path, seen=_whole(self.seen), told=_whole(self.told))
 
     def restore(self, path: Path) -> None:
         """Go on with what was labelled before.
@@ -119,7 +121,7 @@ class Lessons:
         sizes = {len(array) for array in held.values()}
         if len(sizes) != 1 or min(sizes) % lot:
             raise checkpoints.damaged(path, ValueError("its arrays don't fit together"))
-        self._seen, self._told = (
+        self.seen, self.told = (
             [torch.as_tensor(array[i : i + lot]) for i in range(0, len(array), lot)] for array in held.values()
         )
 

@@ -63,7 +63,8 @@ def correction(
         return None
     try:
         if isinstance(given, Mapping):
-            return _of_gains("gains", gains_of(given, shown(dict(given))))
+            own = gains_of(given, shown(dict(given)))
+            return _of_gains(own.law, own)
         return _named(given, trust)
     except CommandError as error:
         raise CommandError(f"{called} = {shown(given)} is not allowed; {error}") from None

@@ -118,6 +118,7 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
                 + ".",
                 "- It practised in episodes that differ from the scenario's in: "
                 + (tables.code(json.dumps(practice)) + "." if practice else "nothing."),
+                *_taught(trained["settings"]),
                 "- It is the checkpoint, and of its group's trainings the one, with the best return on "
                 f"{best['episodes']} validation seeds: {statistics.text(best, 1)}. The seeds below are others.",
                 f"- It takes the {home.observation.size} observations and {len(home.actions)} actions of the IDs "
@@ -165,6 +166,18 @@ def card(name: str, description: str, trained: Mapping[str, Any], scores: Mappin
         _losses({scenario: (entry["measures"], reference[scenario]["measures"]) for scenario, entry in own.items()}),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _taught(settings: Mapping[str, Any]) -> list[str]:
+    """Whom it has copied before that, by its settings, if anyone."""
+    teacher = settings.get("teacher")
+    if teacher is None:
+        return []
+    whom = tables.code(teacher if isinstance(teacher, str) else json.dumps(teacher))
+    return [
+        f"- Before, in {settings['teacher_steps']:,} steps that aren't among those, it copied {whom} where it came to "
+        "itself."
+    ]
 
 
 def _block(*lines: str) -> str:

@@ -14,7 +14,7 @@ from stable_baselines3 import PPO, TD3
 
 from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
-from uwoc_gym.agents.commands.protocol import _usual
+from uwoc_gym.agents.commands.protocol import usual_scenarios
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.plans import Wish
@@ -127,17 +127,18 @@ def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
 
 
 def test_groups_say_the_commands_of_the_benchmark():
-    pages = Path(protocol.__file__).parents[1].glob("BENCHMARK*.md")
-    text = "".join(page.read_text(encoding="utf-8") for page in pages)
-    for name, group in protocol.GROUPS.items():
+    folder = Path(protocol.__file__).parents[1]
+    text = "".join(path.read_text(encoding="utf-8") for path in folder.glob("BENCHMARK*.md"))
+    for name in (*protocol.USUAL, "ppo-tide"):
+        group = protocol.GROUPS[name]
         assert f"| {name} " in text
         assert f"`{' '.join(['uwoc-gym train', *group.wish.words()])}`" in text
 
 
 def test_groups_fly_the_world_that_they_are_trained_in():
-    assert _usual(["ppo-tide"]) == ["uwoc/Tide-v0"]
-    assert "uwoc/Random-v0" in _usual(list(protocol.USUAL))
-    assert "uwoc/Underactuated-v0" not in _usual(list(protocol.USUAL))
+    assert usual_scenarios(["ppo-tide"]) == ["uwoc/Tide-v0"]
+    assert "uwoc/Random-v0" in usual_scenarios(list(protocol.USUAL))
+    assert "uwoc/Underactuated-v0" not in usual_scenarios(list(protocol.USUAL))
 
 
 @pytest.mark.parametrize("damage", [{"best": None}, {"best": {"return": 5}}, {"wall_time_s": True}, {"settings": []}])

@@ -60,12 +60,12 @@ def lessons(tmp_path: Path) -> Iterator[imitation.Lessons]:
 
 
 def test_each_round_brings_it_nearer(lessons: imitation.Lessons) -> None:
-    policy = lessons._model.policy
+    policy = lessons.model.policy
     critic = {name: each.detach().clone() for name, each in policy.named_parameters() if "value_net" in name}
     off = []
     for _ in lessons.fly():
         if len(off) < lessons.rounds:
-            seen, told = lessons._seen[0], lessons._told[0]
+            seen, told = lessons.seen[0], lessons.told[0]
             off.append(float((policy.get_distribution(seen).distribution.mean - told).square().mean().detach()))
     assert len(off) == imitation.ROUNDS
     assert lessons.steps >= 20000
@@ -81,15 +81,15 @@ def test_all_that_is_labelled_is_kept(lessons: imitation.Lessons, tmp_path: Path
     while lessons.rounds < 2:
         next(flown)
     lessons.save(tmp_path / "lessons.npz")
-    before = [part.clone() for part in (*lessons._seen, *lessons._told)]
-    lessons._seen, lessons._told = [], []
+    before = [part.clone() for part in (*lessons.seen, *lessons.told)]
+    lessons.seen, lessons.told = [], []
     lessons.restore(tmp_path / "lessons.npz")
     assert lessons.rounds == 2
-    assert all(bool((own == other).all()) for own, other in zip((*lessons._seen, *lessons._told), before, strict=True))
+    assert all(bool((own == other).all()) for own, other in zip((*lessons.seen, *lessons.told), before, strict=True))
 
 
 def test_the_critic_alone_learns_where_the_rest_is_held(lessons: imitation.Lessons) -> None:
-    policy = lessons._model.policy
+    policy = lessons.model.policy
     imitation.hold(policy, True)
     free = {name for name, each in policy.named_parameters() if each.requires_grad}
     assert free == {name for name, _ in policy.named_parameters() if "value_net" in name}

@@ -9,7 +9,6 @@ import torch
 from uwoc_gym import Scenario
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.learning import tracking
-from uwoc_gym.baselines.learned_tracker import LearnedTracker
 from uwoc_gym.baselines.observers import CarriedFixes
 from uwoc_gym.baselines.tracker import ShipTracker
 
@@ -47,13 +46,13 @@ def test_fixes_are_where_they_should_be(ways: tracking.Ways) -> None:
 def test_what_learns_computes_what_flies(ways: tracking.Ways) -> None:
     torch.manual_seed(3)
     network = tracking.Network(7)
-    tracker = LearnedTracker(SHORT, network.weights())
+    weights = network.weights()
     with torch.no_grad():
         wanted = network(ways.features).numpy()
     state = np.zeros((len(SEEDS), 7))
     for fix, features in enumerate(ways.features.double().numpy()):
-        state = tracker._step(features, state)
-        np.testing.assert_allclose(tracker._way(state), wanted[fix], atol=1e-5)
+        state = weights.step(features, state)
+        np.testing.assert_allclose(weights.way(state), wanted[fix], atol=1e-5)
 
 
 def test_learning_makes_the_loss_smaller(ways: tracking.Ways) -> None:

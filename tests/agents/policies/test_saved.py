@@ -92,7 +92,15 @@ def test_filters_believe_in_flight_what_they_believed_in_training(world: str) ->
 
 def test_a_filtered_agent_is_saved_and_flies_as_it_was_scored(tmp_path: Path) -> None:
     words = ["train", "--env", "uwoc/LateFix-v0", "--steps", "64", "--envs", "2", "--eval-episodes", "2"]
-    small = ["filtered=true", "n_steps=16", "batch_size=16", "policy_kwargs.net_arch=[8]", "env_kwargs.scenario={}"]
+    small = [
+        "filtered=true",
+        "teacher=null",
+        "critic_steps=0",
+        "n_steps=16",
+        "batch_size=16",
+        "policy_kwargs.net_arch=[8]",
+        "env_kwargs.scenario={}",
+    ]
     assert main([*words, *(word for each in small for word in ("--set", each)), "--out", str(tmp_path / "run")]) == 0
     said = archive.read(tmp_path / "run/model.zip")
     scenario = Scenario.named("LateFix")
