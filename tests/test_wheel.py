@@ -15,7 +15,7 @@ PACKAGES = {"uwoc_gym": "uwoc_gym", "baselines": "uwoc_gym/baselines", "agents":
 COMMAND = "uwoc_gym_command.py"
 """What the command begins with stands beside the packages, in the tree as in the wheel."""
 
-SUFFIXES = {".py", ".yaml", ".html", ".zip", ".json", ".pkl", ".typed"}
+SUFFIXES = {".py", ".yaml", ".html", ".zip", ".json", ".npz", ".pkl", ".typed"}
 
 
 def test_the_wheel_holds_the_tree_file_by_file(tmp_path: Path) -> None:

@@ -361,7 +361,7 @@ def test_gains_say_by_their_names_what_flies_them() -> None:
 
 
 def test_tuned_sets_are_of_named_scenarios_and_laws() -> None:
-    for path in TUNED.glob("*/*"):
+    for path in TUNED.glob("*/*.json"):
         assert path.parent.name in SCENARIOS
         own = tuned_for(path.parent.name)[path.stem]
         assert own.law == path.stem
