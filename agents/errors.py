@@ -20,6 +20,7 @@ EXTRAS = {
     "sb3_contrib": "agents",
     "stable_baselines3": "agents",
     "tensorboard": "agents",
+    "torch": "agents",
     "tqdm": "benchmark",
     "yaml": "agents",
 }

@@ -32,7 +32,7 @@ TIME_S, WAY_M = 2.0, 4.0
 """Units in which the network is told of times and ways."""
 
 LONGEST_S = 3.0
-"""Age of a fix from which on the ship is taken to go straight on."""
+"""Age of a fix from which on the ship is taken to go straight on, as a polynomial would not."""
 
 PLACE, HEADING = 5, 4
 """Coefficients of the polynomials of place, along each axis, and of heading."""
@@ -78,13 +78,14 @@ class Weights(NamedTuple):
         return found
 
 
-@cache
 def read_weights(path: str | Path) -> Weights:
     """The weights in a .npz file.
 
     Raises:
         SettingError: It can't be read, or doesn't hold them.
     """
+    if path == SHIPPED:
+        return _shipped()
     try:
         with np.load(path, allow_pickle=False) as file:
             found = Weights(*(np.asarray(file[name], dtype=float) for name in Weights._fields))
@@ -102,6 +103,11 @@ def read_weights(path: str | Path) -> Weights:
             f"weights = {shown(str(path))} is not allowed: {text[:200]}; it must be a tracker.npz of uwoc-gym tracker."
         ) from None
     return found
+
+
+@cache
+def _shipped() -> Weights:
+    return read_weights(str(SHIPPED))
 
 
 def told(ship: Array, before: Array, since_s: Array, first: npt.NDArray[np.bool_]) -> Array:
@@ -136,16 +142,19 @@ def motion(coefficients: Any, age_s: Any) -> tuple[list[Any], list[Any], list[An
         coefficients: (..., OUTPUTS), by rising powers of the time in `TIME_S`: along x, along y, heading.
         age_s: Time since the ping, (...) [s].
     """
-    time = age_s / TIME_S
+    over_s = (age_s - LONGEST_S).clip(0.0)
+    turns = over_s == 0.0
+    time = (age_s - over_s) / TIME_S
     axes = [[coefficients[..., PLACE * axis + i] for i in range(PLACE)] for axis in range(2)]
     heading = [coefficients[..., 2 * PLACE + i] for i in range(HEADING)]
     slopes = [_slope(axis) for axis in axes]
+    velocity = [_value(axis, time) / TIME_S for axis in slopes]
     return (
-        [_value(axis, time) for axis in axes],
-        [_value(axis, time) / TIME_S for axis in slopes],
-        [_value(_slope(axis), time) / TIME_S**2 for axis in slopes],
+        [_value(axis, time) + over_s * along for axis, along in zip(axes, velocity, strict=True)],
+        velocity,
+        [turns * _value(_slope(axis), time) / TIME_S**2 for axis in slopes],
         _value(heading, time),
-        _value(_slope(heading), time) / TIME_S,
+        turns * _value(_slope(heading), time) / TIME_S,
     )
 
 
@@ -201,14 +210,11 @@ def _sigmoid(value: Array) -> Array:
 
 def _now(coefficients: Array, ship: Array, age_s: Array) -> tuple[Array, Array, Array]:
     """Pose, velocity and acceleration, each (N, 3), in the frame of `Heard`."""
-    over_s = np.maximum(age_s - LONGEST_S, 0.0)
-    place, velocity, acceleration, heading, rate = motion(coefficients, age_s - over_s)
+    *axes, heading, rate = motion(coefficients, age_s)
     still = np.zeros_like(age_s)
-    way, course, gain = (turned(np.stack(each, axis=1), ship[:, 2]) for each in (place, velocity, acceleration))
-    goes_on = over_s > 0.0
-    gain[goes_on], rate = 0.0, np.where(goes_on, 0.0, rate)
+    way, course, gain = (turned(np.stack(each, axis=1), ship[:, 2]) for each in axes)
     return (
-        np.column_stack([ship[:, :2] + way + course * over_s[:, None], ship[:, 2] + heading]),
+        np.column_stack([ship[:, :2] + way, ship[:, 2] + heading]),
         np.column_stack([course, rate]),
         np.column_stack([gain, still]),
     )

@@ -275,9 +275,13 @@ def _fly_all(
                 if task.seeds[0] != pair.seeds[len(rows)]:
                     # An interruption has left out the episodes before these, and pairs go by their places.
                     continue
-                if episodes is not None:
-                    episodes.append(name, policy, task.seeds, result.rows, result.drawn)
-                rows.extend(result.rows)
+                # Between the two an interruption would leave episodes in the one that the other lacks.
+                with interrupts.noted() as asked:
+                    if episodes is not None:
+                        episodes.append(name, policy, task.seeds, result.rows, result.drawn)
+                    rows.extend(result.rows)
+                if asked:
+                    raise KeyboardInterrupt
                 found.series.setdefault(name, {}).setdefault(policy, (task.seeds[0], result.series))
                 count += len(task.seeds)
                 bar.update(left.done((policy, scenarios[name], task.seeds), result.seconds))

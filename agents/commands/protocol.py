@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from uwoc_gym.agents.errors import require
+from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import check_flights, decision_time, possible
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.protocol import GROUPS, USUAL
@@ -41,9 +41,18 @@ RIVALS = ("pd", "nlpd", "pd-tuned", "nlpd-tuned")
 
 
 def usual_scenarios(groups: Sequence[str]) -> list[str]:
-    """What is flown if nothing is said: the worlds in which groups are trained, for those of Random all like it."""
-    own = dict.fromkeys(GROUPS[name].wish.env for name in groups)
-    return [each for env_id in own for each in ([env_id] if env_id is not None else _like_random())]
+    """What is flown if nothing is said: the world in which groups are trained, for Random all that looks like it.
+
+    Raises:
+        CommandError: They are trained in several.
+    """
+    (env_id, *others) = dict.fromkeys(GROUPS[name].wish.env for name in groups)
+    if others:
+        raise CommandError(
+            f"--groups {' '.join(groups)} is not allowed without --scenario: they are trained in several worlds; give "
+            "those of one."
+        )
+    return _like_random() if env_id is None else [env_id]
 
 
 def _like_random() -> list[str]:

@@ -98,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     best = made.progress.best
     assert best is not None
-    untrained = ", before it had learned anything" if best["steps"] == 0 else ""
+    learned = "anything" if made.plan.values["teacher"] is None else "from rewards"
+    untrained = f", before it had learned {learned}" if best["steps"] == 0 else ""
     print(f"best model, at step {best['steps']:,} of {made.progress.steps:,}{untrained}: {folder / 'model.zip'}")
     for name, scores in {"agent": best, **made.baselines}.items():
         print(f"  {name}: " + ", ".join(_score(key, scores) for key in ("return", "availability") if key in scores))

@@ -100,7 +100,10 @@ class BelievingVecEnv(VecEnvWrapper):
 
 
 class StaggeredVecEnv(VecEnvWrapper):
-    """Cuts the first episode of each environment short, at another step in each, so that a rollout has all parts in it.
+    """Cuts an episode of each environment short, at another step in each, so that a rollout has all parts in it.
+
+    It is the first one, where none is over before its length. Cut episodes count as others do in what is shown of
+    returns.
 
     Environments that begin together stay together where episodes are equally long, and each update then learns of one
     part of an episode alone (Rudin et al., "Learning to Walk in Minutes Using Massively Parallel Deep Reinforcement

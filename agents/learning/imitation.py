@@ -17,9 +17,11 @@ import torch
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
+from uwoc_gym.agents.flight import decide
 from uwoc_gym.agents.learning import checkpoints
 from uwoc_gym.agents.learning.environments import EpisodeMonitor
-from uwoc_gym.baselines.policy import Predictor
+from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.scenario import Scenario
 
 ROUNDS = 12
 """How many times the agent learns from all that was labelled until then."""
@@ -39,12 +41,17 @@ class Lessons:
         model: The agent, of an algorithm in `settings.TAUGHT`.
         monitor: Tells what the teacher sees: observations before anything is added to them.
         teacher: Who knows what to do.
+        scenario: What is practised on.
         steps: Steps to fly in all; whole lots of a round.
         seed: Of who flies, and of the order in which is learned.
     """
 
-    def __init__(self, model: Any, monitor: EpisodeMonitor, teacher: Predictor, steps: int, seed: int) -> None:
+    def __init__(
+        self, model: Any, monitor: EpisodeMonitor, teacher: Policy, scenario: Scenario, steps: int, seed: int
+    ) -> None:
         self.model, self._monitor, self._teacher = model, monitor, teacher
+        self._pilot = teacher.pilot(scenario)
+        self._widths = tuple(int(space.shape[0]) for space in (model.observation_space, model.action_space))
         self._rng = np.random.default_rng(seed)
         self._length = -(-steps // (ROUNDS * monitor.num_envs))
         self.seen: list[torch.Tensor] = []
@@ -67,6 +74,9 @@ class Lessons:
         """Fly and learn to the end of the last round; yields the steps so far, last after the round was learned from.
 
         What is asked to stop between two steps loses the round that is under way.
+
+        Raises:
+            CommandError: The teacher fails, or gives something else than finite actions of the right shape.
         """
         env = self.model.get_env()
         observation, begun, memory = env.reset(), np.ones(env.num_envs, dtype=bool), None
@@ -77,9 +87,10 @@ class Lessons:
             noise = self._rng.uniform(0.0, largest, (env.num_envs, 1))
             seen, told = [], []
             for step in range(self._length):
-                action, memory = self._teacher.predict(self._monitor.seen, memory, begun)
+                given = decide(self._teacher, self._pilot, self._monitor.seen, memory, begun, self._widths[1])
+                action, memory = np.clip(given[0], -1.0, 1.0), given[1]
                 seen.append(torch.as_tensor(np.array(observation)))
-                told.append(torch.as_tensor(np.array(action)))
+                told.append(torch.as_tensor(action))
                 own, _ = self.model.predict(observation, deterministic=True)
                 flown = np.where(taught[:, None], action, own) + noise * self._rng.standard_normal(own.shape)
                 observation, _, begun, _ = env.step(np.clip(flown, -1.0, 1.0).astype(np.float32))
@@ -108,7 +119,11 @@ class Lessons:
 
     def save(self, path: Path) -> None:
         """Keep what was labelled."""
-        np.savez(path, seen=_whole(self.seen), told=_whole(self.told))
+        parts = [torch.zeros((0, width)) for width in self._widths]
+        seen, told = (
+            torch.cat([first, *own]).numpy() for first, own in zip(parts, (self.seen, self.told), strict=True)
+        )
+        np.savez(path, seen=seen, told=told)
 
     def restore(self, path: Path) -> None:
         """Go on with what was labelled before.
@@ -118,16 +133,12 @@ class Lessons:
         """
         held = checkpoints.read_arrays(path, ("seen", "told"))
         lot = self._length * self._monitor.num_envs
-        sizes = {len(array) for array in held.values()}
-        if len(sizes) != 1 or min(sizes) % lot:
+        count = len(held["seen"])
+        if [array.shape for array in held.values()] != [(count, width) for width in self._widths] or count % lot:
             raise checkpoints.damaged(path, ValueError("its arrays don't fit together"))
         self.seen, self.told = (
-            [torch.as_tensor(array[i : i + lot]) for i in range(0, len(array), lot)] for array in held.values()
+            [torch.as_tensor(array[i : i + lot]) for i in range(0, count, lot)] for array in held.values()
         )
-
-
-def _whole(parts: list[torch.Tensor]) -> Any:
-    return torch.cat(parts).numpy() if parts else np.zeros((0, 1), dtype=np.float32)
 
 
 def hold(policy: Any, held: bool) -> None:

@@ -32,6 +32,9 @@ from uwoc_gym.scenario import Scenario
 
 DEFAULT_ENV = "uwoc/Random-v0"
 
+_POLICIES = ("residual", "teacher")
+"""The settings that name a policy."""
+
 PERIODS = ("control_period_s", "integration_step_s")
 """The arguments of our environments, besides ``scenario``, that settings may hold."""
 
@@ -62,7 +65,8 @@ class Wish:
     @property
     def names_code(self) -> bool:
         """Whether the run will name code, so that going on with it needs trust."""
-        return self.trust or bool(self.wrapper) or any(_is_code(each) for each in (self.residual or "", self.env or ""))
+        assigned = [value for each in self.set for key, _, value in [each.partition("=")] if key.strip() in _POLICIES]
+        return self.trust or bool(self.wrapper) or any(map(_is_code, (self.residual or "", self.env or "", *assigned)))
 
     def words(self) -> list[str]:
         """The options that say the same on the command line."""
@@ -113,7 +117,9 @@ class Plan:
     corrected: Correction | None
     """What the agent corrects, if anything."""
     teacher: Correction | None
-    """Whom the agent copies before it learns from rewards, if anyone."""
+    """Whom the agent is still to copy before it learns from rewards, if anyone."""
+    teacher_sha256: str | None
+    """Of the teacher's file, where that is an agent's."""
     eval_every: int
     eval_episodes: int
     checkpoint_every: int
@@ -148,7 +154,7 @@ class Plan:
                     "base": self.base.to_dict() if self.base is not None else None,
                     "wrappers": self.wrapping.plain(),
                     "corrected_sha256": None if self.corrected is None else self.corrected.digest,
-                    "teacher_sha256": None if self.teacher is None else self.teacher.digest,
+                    "teacher_sha256": self.teacher_sha256,
                     "eval_every": self.eval_every,
                     "eval_episodes": self.eval_episodes,
                     "checkpoint_every": self.checkpoint_every,
@@ -222,12 +228,13 @@ _RECORDED: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
 _MAY_LACK = ("seed", "eval_every", "eval_episodes", "checkpoint_every")
 
 
-def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
+def planned(wish: Wish, recorded: Mapping[str, Any] | None = None, taught: bool = False) -> Plan:
     """The plan of a wish; what it leaves open is as recorded, or the default.
 
     Args:
         wish: What was asked for.
         recorded: What the run that is to go on says it is, as `recorded_plan` gives it.
+        taught: Whether it has copied its teacher, who need not be there any more.
 
     Raises:
         CommandError: Something isn't allowed, or what it needs isn't installed.
@@ -255,8 +262,8 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         if values["staggered"] and not where.fleet:
             raise CommandError(f"staggered is not allowed for {env_id!r}, of which there is no fleet.")
         base, task = (_with_periods(each, values) for each in (where.base, where.task))
-    found: dict[str, Correction | None] = {}
-    for key in ("residual", "teacher"):
+    found: dict[str, Correction | None] = dict.fromkeys(_POLICIES)
+    for key in _POLICIES[:1] if taught else _POLICIES:
         given = values[key]
         with nullcontext() if _is_typed(wish, key) else naming(f"settings of {source or algorithm}"):
             if not wish.trust and isinstance(given, str) and not _is_typed(wish, key):
@@ -281,6 +288,7 @@ def planned(wish: Wish, recorded: Mapping[str, Any] | None = None) -> Plan:
         wrapping=around if where.fleet or base is None else _of_singles(where, around, values),
         corrected=corrected,
         teacher=teacher,
+        teacher_sha256=known.get("teacher_sha256") if teacher is None else teacher.digest,
         eval_every=every,
         eval_episodes=episodes,
         checkpoint_every=wish.checkpoint_every or known.get("checkpoint_every", every),
@@ -502,7 +510,7 @@ def _check_flown(plan: Plan) -> None:
 
     around = plan.wrapping
     for scenario in (plan.practice, plan.task):
-        if scenario is None or not (around or plan.corrected):
+        if scenario is None or not (around or plan.corrected or plan.teacher):
             continue
         around.check(scenario)
         with closing(around.fleet(scenario, 1)) as env:
@@ -514,9 +522,11 @@ def _check_flown(plan: Plan) -> None:
                     f"{shapes[1]}; an agent flies on those of the scenario, {wanted[0]} and {wanted[1]}. --frame-stack "
                     "and the observation groups of --override change what it sees."
                 )
-            if plan.corrected is not None:
-                policy, seen = plan.corrected.policy, env.reset(seed=0)[0]
-                with naming(f"residual = {shown(plan.values['residual'])} is not allowed"):
+            for key, other in zip(_POLICIES, (plan.corrected, plan.teacher), strict=True):
+                if other is None:
+                    continue
+                policy, seen = other.policy, env.reset(seed=0)[0]
+                with naming(f"{key} = {shown(plan.values[key])} is not allowed"):
                     decide(policy, policy.pilot(scenario), seen, None, np.ones(1, dtype=bool), wanted[1][0])
     if around:
         # In training episodes begin anew in another way.

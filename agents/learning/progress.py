@@ -21,13 +21,13 @@ class Progress:
     seconds: float = 0.0
     """Wall time so far [s]."""
     learning_seconds: float = 0.0
-    """The same without evaluations and checkpoints [s]."""
+    """The same without evaluations and checkpoints, but with what it took to copy a teacher [s]."""
     seeds_used: int = 0
     """Training seeds in use, counted over the times the run was resumed."""
     evaluations: list[dict[str, Any]] = field(default_factory=list)
     best_steps: int | None = None
     lessons: int = 0
-    """Steps in which a teacher was copied; not among the others."""
+    """Rounds in which a teacher was copied; their steps aren't among the others."""
     finished: bool = False
     counters: dict[str, int] = field(default_factory=dict)
     """What the model counts besides, by Stable-Baselines3's names."""

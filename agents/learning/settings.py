@@ -66,8 +66,8 @@ OWN: dict[str, Any] = {
 others hold in evaluation too. What rl-baselines3-zoo doesn't know: ``filtered`` adds what `Beliefs` adds to the
 observations ("learned" where a network tracks the ship); ``residual`` names the policy that the agent corrects by
 ``residual_scale``; ``staggered`` cuts first episodes short, so that rollouts hold all parts of episodes; ``teacher``
-names a policy whose actions the agent copies for ``teacher_steps`` before it learns from rewards, for the first
-``critic_steps`` of which only its critic does.
+names a policy whose actions the agent copies for ``teacher_steps``, which come before ``n_timesteps``; and in the first
+``critic_steps`` of those only its critic learns.
 """
 
 _NOT_SETTINGS = {
@@ -288,17 +288,28 @@ def _check_teacher(algorithm: str, values: Mapping[str, Any], where: str) -> Non
                 f"{' or '.join(TAUGHT)}."
             )
     if values["teacher"] is None:
+        if 0 < values["n_timesteps"] <= values["critic_steps"]:
+            raise CommandError(
+                f"{where}: critic_steps = {values['critic_steps']} is not allowed with n_timesteps = "
+                f"{values['n_timesteps']}; it must be less, so that the policy learns too."
+            )
         return
     if values["residual"] is not None:
         raise CommandError(
             f"{where}: teacher = {shown(values['teacher'])} is not allowed with residual = "
-            f"{shown(values['residual'])}, whose agent acts on something else; leave out one of them."
+            f"{shown(values['residual'])}, whose agent acts on something else; leave out one of them, the teacher by "
+            "--set teacher=null."
         )
     normalize = values["normalize"]
     if normalize is True or (normalize and normalize.get("norm_obs", True)):
         raise CommandError(
             f"{where}: teacher = {shown(values['teacher'])} is not allowed with normalize = {shown(normalize)}, under "
-            "which the same observation looks another way later; set normalize.norm_obs=false."
+            "which the same observation looks another way later; set normalize.norm_obs=false, or teacher=null."
+        )
+    if (values.get("policy_kwargs") or {}).get("squash_output"):
+        raise CommandError(
+            f"{where}: teacher = {shown(values['teacher'])} is not allowed with policy_kwargs.squash_output, which "
+            "bends what was copied; leave out one of them."
         )
 
 

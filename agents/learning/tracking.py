@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,11 +11,13 @@ import torch
 from torch import nn
 from torch.nn.utils import clip_grad_norm_
 
-from uwoc_gym.agents.errors import naming
-from uwoc_gym.agents.flight import check_followed, decide
+from uwoc_gym.agents.errors import CommandError, naming
+from uwoc_gym.agents.flight import batches, check_followed, decide
+from uwoc_gym.agents.learning.seeds import BATCH
 from uwoc_gym.baselines.controllers import CONTROLLERS
+from uwoc_gym.baselines.law import Tracker
 from uwoc_gym.baselines.learned_tracker import FEATURES, OUTPUTS, Weights, motion, told
-from uwoc_gym.baselines.observers import DeadReckoning, Memory, Observer, turned, wrapped
+from uwoc_gym.baselines.observers import DeadReckoning, Memory, turned, wrapped
 from uwoc_gym.baselines.policy import Policy
 from uwoc_gym.baselines.tracker import ShipTracker
 from uwoc_gym.given import SettingError
@@ -35,6 +37,9 @@ _SOFT_M = 0.1
 _SETTLED_S = 3.0
 """What comes before isn't scored: nobody can know how a ship sails from its first fix."""
 
+_UNLOST_M = 1e6
+"""Distance at which the link counts as lost in these flights: how a ship sails doesn't end there."""
+
 _RATE = 2e-3
 
 
@@ -42,7 +47,7 @@ def check(scenario: Scenario) -> None:
     """Refuse a scenario in which there is nothing to learn.
 
     Raises:
-        CommandError: The ship isn't known by fixes alone.
+        CommandError: The ship isn't known by fixes alone, or episodes are too short to score.
     """
     with naming("--scenario"):
         seen = scenario.observation
@@ -50,6 +55,11 @@ def check(scenario: Scenario) -> None:
             raise SettingError(
                 f"the observation groups {', '.join(seen.groups)} are not allowed; the ship must be known by 'fix' "
                 "alone."
+            )
+        if scenario.episode.duration_s <= _SETTLED_S:
+            raise SettingError(
+                f"episode.duration_s = {scenario.episode.duration_s:g} is not allowed; it must be above "
+                f"{_SETTLED_S:g} s, before which nobody can know how a ship sails."
             )
         PILOT.pilot(scenario)
 
@@ -70,7 +80,7 @@ def _flight(scenario: Scenario, seeds: Sequence[int], pilot: Policy) -> Iterator
     Raises:
         CommandError: An episode diverges.
     """
-    env = TrackingVectorEnv(len(seeds), scenario)
+    env = TrackingVectorEnv(len(seeds), scenario.merged({"episode.lost_distance_m": _UNLOST_M}))
     observation, _ = env.reset(seed=list(seeds))
     memory: Any = None
     begun, predictor = np.ones(len(seeds), dtype=bool), pilot.pilot(scenario)
@@ -195,7 +205,11 @@ def loss(network: Network, ways: Ways, moments: torch.Tensor) -> torch.Tensor:
 
 
 def learn(network: Network, ways: Ways, steps: int, seed: int) -> Iterator[float]:
-    """Learn in so many steps, at a rate that falls to nothing; yields the loss at each."""
+    """Learn in so many steps, at a rate that falls to nothing; yields the loss at each.
+
+    Raises:
+        CommandError: The loss isn't finite any more.
+    """
     order = torch.Generator().manual_seed(seed)
     optimizer = torch.optim.Adam(network.parameters(), _RATE)
     duration, count = ways.fix.shape
@@ -205,6 +219,8 @@ def learn(network: Network, ways: Ways, steps: int, seed: int) -> Iterator[float
         some = torch.randint(count, (min(_BATCH, count),), generator=order)
         moments = torch.randint(duration, (_MOMENTS,), generator=order)
         found = loss(network, ways.part(some), moments)
+        if not torch.isfinite(found):
+            raise CommandError(f"the loss isn't finite at step {step + 1:,}; give another --seed, or more --episodes.")
         optimizer.zero_grad()
         found.backward()  # type: ignore[no-untyped-call]
         clip_grad_norm_(network.parameters(), 1.0)
@@ -212,15 +228,31 @@ def learn(network: Network, ways: Ways, steps: int, seed: int) -> Iterator[float
         yield found.item()
 
 
-def errors(
-    scenario: Scenario, trackers: Mapping[str, Callable[[Scenario], Observer]], seeds: Sequence[int]
-) -> dict[str, dict[str, float]]:
+def errors(scenario: Scenario, trackers: Mapping[str, Tracker], seeds: Sequence[int]) -> dict[str, dict[str, float]]:
     """How far trackers are from where ships are, over the same flights, once they have had time to settle.
 
     Returns:
         By the tracker's name the root mean square and the median of the distance [m], and the root mean squares of the
         error in velocity [m/s] and heading [rad].
     """
+    squares: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in trackers}
+    for batch in batches(seeds, BATCH):
+        for name, part in _squares(scenario, trackers, batch).items():
+            squares[name].append(part)
+    found = {}
+    for name, parts in squares.items():
+        place, velocity, heading = np.concatenate(parts, axis=1)
+        found[name] = {
+            "place_rms_m": float(np.sqrt(place.mean())),
+            "place_median_m": float(np.median(np.sqrt(place))),
+            "velocity_rms_mps": float(np.sqrt(velocity.mean())),
+            "heading_rms_rad": float(np.sqrt(heading.mean())),
+        }
+    return found
+
+
+def _squares(scenario: Scenario, trackers: Mapping[str, Tracker], seeds: Sequence[int]) -> dict[str, npt.NDArray[Any]]:
+    """Squares of the errors in place, velocity and heading, (3, moments), by the tracker's name."""
     known = scenario.known()
     observers = {name: make(known) for name, make in trackers.items()}
     memories: dict[str, Memory] = dict.fromkeys(observers)
@@ -237,17 +269,8 @@ def errors(
             velocity = turned((seen.relative_velocity + seen.velocity)[:, :2], yaw) - moment.ship[:, 3:5]
             heading = wrapped(seen.yaw_error + yaw - moment.ship[:, 2])
             squares[name].append(np.stack([(place**2).sum(axis=1), (velocity**2).sum(axis=1), heading**2]))
-    found = {}
-    for name, own in squares.items():
-        place, velocity, heading = np.concatenate(own, axis=1)
-        found[name] = {
-            "place_rms_m": float(np.sqrt(place.mean())),
-            "place_median_m": float(np.median(np.sqrt(place))),
-            "velocity_rms_mps": float(np.sqrt(velocity.mean())),
-            "heading_rms_rad": float(np.sqrt(heading.mean())),
-        }
-    return found
+    return {name: np.concatenate(own, axis=1) for name, own in squares.items()}
 
 
-RIVAL: tuple[str, Callable[[Scenario], Observer]] = ("three models", ShipTracker)
+RIVAL: tuple[str, Tracker] = ("three models", ShipTracker)
 """The tracker that isn't learned, and what it is called."""

@@ -20,7 +20,7 @@ from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints, environments
-from uwoc_gym.agents.learning.imitation import Lessons, hold
+from uwoc_gym.agents.learning.imitation import ROUNDS, Lessons, hold
 from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
 from uwoc_gym.agents.learning.progress import Progress, read_progress
 from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, BATCH, training_seed
@@ -105,13 +105,12 @@ def train(
             recorded = recorded_plan(folder / "run.json")
     elif resume:
         raise CommandError(f"--resume: there is no run in {folder}; it has no run.json.")
-    plan = planned(wish, recorded)
+    last = checkpoints.newest(folder) if resume else None
+    # Before the lock, so that a refusal leaves nothing.
+    progress = Progress() if last is None else _stood(last)[1]
+    plan = planned(wish, recorded, taught=progress.lessons >= ROUNDS)
     if recorded is not None:
         check_same(plan, recorded, folder)
-    last = checkpoints.newest(folder) if resume else None
-    if last is not None:
-        # Before the lock, so that a refusal leaves nothing.
-        _stood(last)
     files.output_folder(folder)
     with files.locked(folder):
         if recorded is None and begun(folder):
@@ -221,11 +220,10 @@ class Run:
     def _lessons(self, scenario: Scenario | None, seed: int) -> Lessons | None:
         """What is still to be learned from a teacher, if anything."""
         plan = self.plan
-        steps = plan.values["teacher_steps"]
-        if plan.teacher is None or scenario is None or self.progress.lessons >= steps:
+        if plan.teacher is None or scenario is None or self.progress.lessons >= ROUNDS:
             return None
-        teacher = Named(plan.teacher.policy.pilot(scenario), plan.teacher.policy.name)
-        return Lessons(self.model, self.monitor, teacher, steps, seed)
+        steps = plan.values["teacher_steps"]
+        return Lessons(self.model, self.monitor, plan.teacher.policy, scenario, steps, seed)
 
     def _beliefs(self) -> Beliefs | None:
         """What filters add to observations; they know what is scored, in practice too."""
@@ -272,11 +270,15 @@ class Run:
             f"{plan.eval_episodes} episodes{'' if lot else ' at most'}"
         ]
         if self.lessons is not None:
-            copied, before = plan.values["teacher_steps"], self.progress.lessons
+            copied, before = plan.values["teacher_steps"], self.lessons.steps
             done_before = f", {before:,} of them done" if before else ""
             assert plan.teacher is not None
             whom = plan.teacher.policy.name
             lines.append(f"before that at least {copied:,} steps in which it copies {whom}{done_before}")
+        alone = plan.values["critic_steps"]
+        if alone > done:
+            all_of_them = ", which is all of them" if alone >= ahead.steps else ""
+            lines.append(f"in the first {alone:,} steps its critic alone learns{all_of_them}")
         if plan.task is None or plan.practice is None or plan.task == plan.practice:
             return lines
         unlike = differences(plan.practice, plan.task)
@@ -471,7 +473,7 @@ class _Watch(BaseCallback):
         for steps in lessons.fly():
             self._bar.set_postfix_str(f"copied {steps:,} steps")
             if lessons.rounds > rounds or self._asked:
-                rounds, run.progress.lessons = lessons.rounds, lessons.steps
+                rounds = run.progress.lessons = lessons.rounds
                 self._count(learning=True)
                 run.checkpoint()
                 self._count(learning=False)

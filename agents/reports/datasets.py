@@ -55,14 +55,12 @@ def dataset_folder(given: str) -> Path:
     Raises:
         CommandError: Minari doesn't allow its name, it holds something already, or it can't be written to.
     """
-    folder = files.output_folder(given)
+    folder = files.new_folder(given)
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*-v\d+", folder.name):
         raise CommandError(
             f"--out {given} is not allowed; the folder's name is the dataset's, and must be of letters, digits, '_', "
             "'.' and '-' and end in its version, such as random-expert-v0."
         )
-    if folder.exists() and any(folder.iterdir()):
-        raise CommandError(f"--out {given} is not empty; give another folder, such as one with a higher version.")
     return folder
 
 

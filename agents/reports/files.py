@@ -130,6 +130,10 @@ def named(path: Path, part: Path | None = None) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
+_LOCK = ".lock"
+"""What a process that is at work in a folder holds there."""
+
+
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Be the only process at work in a folder; one that has died isn't.
@@ -138,7 +142,7 @@ def locked(folder: Path) -> Iterator[None]:
         CommandError: Another process is at work in it.
     """
     with _made(folder):
-        lock = folder / ".lock"
+        lock = folder / _LOCK
         handle = os.open(lock, os.O_RDWR | os.O_CREAT)
         try:
             try:
@@ -199,6 +203,19 @@ def output_folder(path: str | Path, option: str = "--out") -> Path:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise CommandError(f"{option} {folder}: {reason}; it must be a folder that can be written to.") from None
+    return folder
+
+
+def new_folder(path: str | Path) -> Path:
+    """An output folder that holds nothing yet.
+
+    Raises:
+        CommandError: It does, or files can't be written to it.
+    """
+    folder = output_folder(path)
+    # Who was killed leaves its lock.
+    if folder.exists() and any(each.name != _LOCK for each in folder.iterdir()):
+        raise CommandError(f"--out {path} is not empty; give another folder.")
     return folder
 
 

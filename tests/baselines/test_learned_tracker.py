@@ -53,6 +53,18 @@ def test_slopes_are_those_of_places_and_headings() -> None:
     np.testing.assert_allclose(now[4], (after[3] - before[3]) / (2.0 * step_s), atol=1e-5)
 
 
+def test_past_the_longest_age_a_ship_goes_straight_on() -> None:
+    coefficients = np.random.default_rng(3).normal(size=(5, OUTPUTS))
+    last, later = (motion(coefficients, np.full(5, LONGEST_S + over_s)) for over_s in (0.0, 2.0))
+    for axis in range(2):
+        np.testing.assert_allclose(later[0][axis], last[0][axis] + 2.0 * last[1][axis])
+        np.testing.assert_array_equal(later[1][axis], last[1][axis])
+        assert last[2][axis].all()
+        assert not later[2][axis].any()
+    np.testing.assert_array_equal(later[3], last[3])
+    assert not later[4].any()
+
+
 def test_what_is_told_doesnt_hang_on_where_and_which_way() -> None:
     generator = np.random.default_rng(2)
     ship, before = generator.normal(0.0, 3.0, (2, 6, 3))
@@ -141,6 +153,8 @@ def test_files_that_arent_weights_are_refused(fault: str, tmp_path: Path) -> Non
 
 
 def test_files_give_the_weights_back(tmp_path: Path) -> None:
-    np.savez(tmp_path / "own.npz", **weights()._asdict())
-    for own, other in zip(read_weights(tmp_path / "own.npz"), weights(), strict=True):
-        np.testing.assert_array_equal(own, other)
+    for seed in (0, 1):
+        # What was read before isn't given again.
+        np.savez(tmp_path / "own.npz", **weights(seed)._asdict())
+        for own, other in zip(read_weights(tmp_path / "own.npz"), weights(seed), strict=True):
+            np.testing.assert_array_equal(own, other)

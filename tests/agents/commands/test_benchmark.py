@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import multiprocessing
+import os
+import signal
 import sys
 import types
 from collections.abc import Callable
@@ -19,6 +21,7 @@ from uwoc_gym.agents import flight
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.commands import benchmark
 from uwoc_gym.agents.policies.registry import POLICIES
+from uwoc_gym.agents.reports import files
 from uwoc_gym.baselines import NLPDController
 from uwoc_gym.baselines.policy import Policy
 
@@ -128,6 +131,23 @@ def test_interrupt_keeps_finished_episodes(
     assert results["finished"] is False
     assert results["results"][0]["episodes"] == 2
     assert "interrupted after 2 finished episodes" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_an_interrupt_while_episodes_are_kept_leaves_them_everywhere(
+    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = files.EpisodesFile.append
+
+    def append(self: files.EpisodesFile, scenario: str, policy: str, seeds: Any, rows: Any, drawn: Any) -> None:
+        real(self, scenario, policy, seeds[:1], rows[:1], drawn[:1])
+        os.kill(os.getpid(), signal.SIGTERM)
+        real(self, scenario, policy, seeds[1:], rows[1:], drawn[1:])
+
+    monkeypatch.setattr(files.EpisodesFile, "append", append)
+    out = tmp_path / "out"
+    assert _fly(scenario_file, out, "--policy", "pd") == 128 + signal.SIGTERM
+    results = json.loads((out / "results.json").read_text())
+    assert results["results"][0]["episodes"] == len(_rows(out)) == 2
 
 
 def test_an_interrupt_before_anything_is_finished(

@@ -139,6 +139,8 @@ def test_groups_fly_the_world_that_they_are_trained_in():
     assert usual_scenarios(["ppo-tide"]) == ["uwoc/Tide-v0"]
     assert "uwoc/Random-v0" in usual_scenarios(list(protocol.USUAL))
     assert "uwoc/Underactuated-v0" not in usual_scenarios(list(protocol.USUAL))
+    with pytest.raises(CommandError, match=r"--groups ppo-tide ppo is not allowed without --scenario: .* worlds"):
+        usual_scenarios(["ppo-tide", "ppo"])
 
 
 @pytest.mark.parametrize("damage", [{"best": None}, {"best": {"return": 5}}, {"wall_time_s": True}, {"settings": []}])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import os
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +16,7 @@ import numpy as np
 import pytest
 
 from uwoc_gym.agents.cli import main
+from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import checkpoints, imitation, training
 from uwoc_gym.agents.learning.plans import Wish, planned
@@ -118,20 +122,135 @@ def test_a_run_that_is_stopped_goes_on_with_what_was_labelled(
     told = json.loads((newest / "progress.json").read_text())
     assert told["steps"] == 0
     kept = checkpoints.read_arrays(newest / "lessons.npz", ("seen",))["seen"]
-    assert len(kept) == told["lessons"]
-    assert (told["lessons"] > 0) == (rounds > 0)
-    assert main(["train", "--resume", "--out", str(out)]) == 0
+    assert told["lessons"] == rounds
+    assert (len(kept) > 0) == (rounds > 0)
+    begun: list[tuple[int, int]] = []
+
+    def goes_on(self: Any) -> Any:
+        begun.append((self.rounds, sum(len(part) for part in self.told)))
+        yield from real(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(imitation.Lessons, "fly", goes_on)
+        assert main(["train", "--resume", "--out", str(out)]) == 0
+    assert begun == [(rounds, len(kept))]
     newest = checkpoints.newest(out)
     assert newest is not None
-    assert json.loads((newest / "progress.json").read_text())["lessons"] >= 20000
+    assert json.loads((newest / "progress.json").read_text())["lessons"] == imitation.ROUNDS
     assert not (newest / "lessons.npz").exists()
 
 
+def test_lessons_that_are_rounded_up_are_all_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two rounds of 16 environments are more steps than were asked for, and yet not all."""
+    real = imitation.Lessons.fly
+
+    def stopped(self: Any) -> Any:
+        for found in real(self):
+            if self.rounds == 2:
+                os.kill(os.getpid(), signal.SIGINT)
+            yield found
+
+    out = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr(imitation.Lessons, "fly", stopped)
+        assert main(command(out, "teacher_steps=20")) == 130
+    flown: list[int] = []
+
+    def goes_on(self: Any) -> Any:
+        flown.append(self.rounds)
+        yield from real(self)
+        flown.append(self.rounds)
+
+    monkeypatch.setattr(imitation.Lessons, "fly", goes_on)
+    assert main(["train", "--resume", "--out", str(out)]) == 0
+    assert flown == [2, imitation.ROUNDS]
+
+
+def test_a_teacher_that_was_copied_need_not_be_there_any_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone, out = tmp_path / "gone", tmp_path / "run"
+    assert main(command(gone, "teacher=null", "critic_steps=0", "residual=pd", steps=64)) == 0
+    sha256 = hashlib.sha256((gone / "model.zip").read_bytes()).hexdigest()
+    real = training.Run.evaluate
+
+    def stopped(self: Any) -> Any:
+        if self.model.num_timesteps:
+            os.kill(os.getpid(), signal.SIGINT)
+        return real(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training.Run, "evaluate", stopped)
+        words = command(out, f"teacher={gone}", "teacher_steps=200", "critic_steps=0", steps=2048)
+        assert main([*words, "--eval-every", "256"]) == 130
+    shutil.rmtree(gone)
+    assert main(["train", "--resume", "--out", str(out)]) == 0
+    results = json.loads((out / "results.json").read_text())
+    assert (results["finished"], results["teacher_sha256"]) == (True, sha256)
+
+
+class Fixed:
+    """A teacher that does the same everywhere."""
+
+    def __init__(self, action: list[float]) -> None:
+        self._action = np.array(action, dtype=np.float32)
+
+    def predict(self, observation: Any, **_: Any) -> tuple[Any, None]:
+        return np.tile(self._action, (len(observation), 1)), None
+
+
+def narrow(scenario: Scenario) -> Fixed:
+    return Fixed([0.5])
+
+
+def nowhere(scenario: Scenario) -> Fixed:
+    return Fixed([math.nan] * 3)
+
+
+def far(scenario: Scenario) -> Fixed:
+    return Fixed([50.0, -50.0, 0.5])
+
+
+@pytest.mark.parametrize(("name", "error"), [("narrow", "actions of shape (4, 1)"), ("nowhere", "not all finite")])
+def test_a_teacher_that_gives_no_actions_is_refused(
+    name: str, error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    teacher = f"teacher={Fixed.__module__}:{name}"
+    assert main(command(tmp_path / "run", teacher)) == 1
+    said = capsys.readouterr().err
+    assert error.replace("(4, 1)", "(1, 1)") in said
+    assert "teacher = " in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_is_told_lies_within_the_limits(tmp_path: Path) -> None:
+    run = training.Run(planned(wish(f"teacher={Fixed.__module__}:far", "teacher_steps=200")), tmp_path, "")
+    assert run.lessons is not None
+    for _ in run.lessons.fly():
+        pass
+    run.env.close()
+    assert np.unique(np.concatenate([part.numpy() for part in run.lessons.told]), axis=0).tolist() == [[1.0, -1.0, 0.5]]
+
+
+def test_code_that_is_named_asks_for_trust_again() -> None:
+    assert wish("teacher=my.module:make").names_code
+    assert not wish().names_code
+
+
+def test_what_the_critic_learns_alone_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(command(tmp_path / "all", "teacher_steps=20")) == 0
+    told = capsys.readouterr()
+    assert "in the first 512 steps its critic alone learns, which is all of them" in told.err
+    assert "before it had learned from rewards" in told.out
+    assert main(command(tmp_path / "some", "teacher_steps=20", "critic_steps=256")) == 0
+    assert "in the first 256 steps its critic alone learns\n" in capsys.readouterr().err
+
+
 def test_damaged_lessons_are_refused(tmp_path: Path, lessons: imitation.Lessons) -> None:
-    path = tmp_path / "lessons.npz"
-    np.savez(path, seen=np.zeros((7, 3), dtype=np.float32), told=np.zeros((7, 3), dtype=np.float32))
-    with pytest.raises(Exception, match="can't be read: it is damaged, or of another run: its arrays don't fit"):
-        lessons.restore(path)
+    path, entries = tmp_path / "lessons.npz", lessons.model.observation_space.shape[0]
+    lot = 16 * -(-20000 // (16 * imitation.ROUNDS))
+    for rows, width in ((7, entries), (lot, entries + 1)):
+        np.savez(path, seen=np.zeros((rows, width), dtype=np.float32), told=np.zeros((rows, 3), dtype=np.float32))
+        with pytest.raises(CommandError, match="can't be read: it is damaged, or of another run: its arrays don't fit"):
+            lessons.restore(path)
 
 
 @pytest.mark.parametrize(
@@ -141,6 +260,11 @@ def test_damaged_lessons_are_refused(tmp_path: Path, lessons: imitation.Lessons)
         (("residual=pd",), "teacher = 'pd' is not allowed with residual = 'pd'"),
         (("normalize=true",), "teacher = 'pd' is not allowed with normalize = True"),
         (("teacher=nobody",), "teacher = 'nobody' is not allowed; there is no policy 'nobody'"),
+        (
+            ("policy_kwargs.squash_output=true", "use_sde=true"),
+            "teacher = 'pd' is not allowed with policy_kwargs.squash_output",
+        ),
+        (("teacher=null",), "critic_steps = 512 is not allowed with n_timesteps = 512; it must be less"),
         (("teacher_steps=0",), "teacher_steps = 0 is not allowed"),
         (("critic_steps=-1",), "critic_steps = -1 is not allowed"),
         (("staggered=1",), "staggered = 1 is not allowed; it must be true or false"),

@@ -8,6 +8,7 @@ import torch
 
 from uwoc_gym import Scenario
 from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import tracking
 from uwoc_gym.baselines.observers import CarriedFixes
 from uwoc_gym.baselines.tracker import ShipTracker
@@ -89,6 +90,29 @@ def test_errors_of_a_better_tracker_are_smaller() -> None:
     found = tracking.errors(SHORT, {"still": CarriedFixes, "models": ShipTracker}, range(16))
     for name in ("place_rms_m", "place_median_m", "velocity_rms_mps"):
         assert 0.0 < found["models"][name] < found["still"][name]
+
+
+def test_errors_of_batches_are_those_of_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = tracking.errors(SHORT, {"models": ShipTracker}, range(6))
+    monkeypatch.setattr(tracking, "BATCH", 4)
+    assert tracking.errors(SHORT, {"models": ShipTracker}, range(6))["models"] == pytest.approx(own["models"])
+
+
+def test_a_loss_that_isnt_finite_ends_it(ways: tracking.Ways) -> None:
+    network = tracking.Network(4)
+    with torch.no_grad():
+        network.out.bias[0] = float("nan")
+    with pytest.raises(CommandError, match="the loss isn't finite at step 1"):
+        next(tracking.learn(network, ways, 5, 0))
+
+
+def test_ships_sail_on_where_the_link_is_lost() -> None:
+    below = SHORT.merged({"start": {"x_m": [-0.1, 0.1], "y_m": [-0.1, 0.1]}})
+    near = below.merged({"episode.lost_distance_m": 0.3})
+    seeds = range(4)
+    assert (fly(tracking.PILOT, near, seeds).metrics.lost > 0.0).any()
+    for own, other in zip(tracking.sailed(near, seeds), tracking.sailed(below, seeds), strict=True):
+        assert torch.equal(own, other)
 
 
 def test_a_ship_that_is_seen_is_refused() -> None:
