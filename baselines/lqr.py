@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from uwoc_gym.baselines.law import Law, Tracker, several
 from uwoc_gym.baselines.numbers import fixed
+from uwoc_gym.baselines.observers import wrapped
 from uwoc_gym.given import SettingError, shown
 from uwoc_gym.parameters import Parameters
 from uwoc_gym.scenario import Scenario
@@ -91,9 +92,7 @@ class Regulator(Law):
         through, ship = own - water, own + seen.relative_velocity - water
         nearer = np.minimum(1.0, self._reach / np.maximum(np.hypot(place[..., 0], place[..., 1]), 1e-9))
         aside = np.arctan2(ship[..., 1], ship[..., 0])
-        heading = seen.yaw_error + self._course * np.arctan2(
-            np.sin(aside - seen.yaw_error), np.cos(aside - seen.yaw_error)
-        )
+        heading = seen.yaw_error + self._course * wrapped(aside - seen.yaw_error)
         error = np.concatenate([place * nearer[..., None], heading[..., None], seen.relative_velocity], axis=-1)
         at = np.clip((through[..., 0] - _SPEEDS[0]) / (_SPEEDS[1] - _SPEEDS[0]), 0.0, _SPEEDS.size - 1.0)
         low = np.minimum(at.astype(int), _SPEEDS.size - 2)
@@ -131,13 +130,8 @@ def schedule(vehicle: Vehicle, axes: Sequence[int], scales: RegulatorScales) -> 
 
 
 def optimal(change: Array, push: Array, weights: Array) -> Array:
-    """The gain K that makes u = K x cost least, with ẋ = A x − B u and the cost ∫ xᵀ Q x + uᵀ u.
+    """The gain K that makes u = K x cost least, with ẋ = A x − B u and the cost ∫ xᵀ Q x + uᵀ u."""
+    from scipy.linalg import solve_continuous_are
 
-    From the stable half of the Hamiltonian matrix's eigenvectors (Potter, SIAM J. Applied Mathematics 14(3), 1966).
-    """
-    values, vectors = np.linalg.eig(np.block([[change, -push @ push.T], [-weights, -change.T]]))
-    stable = vectors[:, values.real < 0.0]
-    size = len(change)
-    riccati = np.linalg.solve(stable[:size].T, stable[size:].T).T.real
-    found: Array = push.T @ riccati
+    found: Array = push.T @ solve_continuous_are(change, push, weights, np.eye(push.shape[1]))
     return found

@@ -32,6 +32,7 @@ from uwoc_gym.agents.work import Task, cores, run_all
 from uwoc_gym.agents.wrapping import Wrapping
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.baselines.policy import Policy
+from uwoc_gym.given import shown
 from uwoc_gym.parameters import SettingError
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
@@ -42,6 +43,7 @@ EXAMPLES = """\
 examples:
   uwoc-gym benchmark
   uwoc-gym benchmark --policy pd nlpd --scenario Nominal uwoc/Random-v0 --seeds 100 --out results
+  uwoc-gym benchmark --policy los@Tide ppo-tide --against los@Tide --scenario Tide --seeds 200
   uwoc-gym benchmark --policy runs/ppo/model.zip my_module:make_policy --scenario my_scenario.json
   uwoc-gym benchmark --scenario Random --override episode.duration_s=30 'ship[*].speed_mps=1.0'
   uwoc-gym benchmark --scenario Random --policy pd ppo --wrapper gymnasium.wrappers:DelayObservation,delay=2
@@ -78,6 +80,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="time between actions [s] (default: the scenario's)",
     )
     parser.add_argument(
+        "--against",
+        metavar="POLICY",
+        help="whom the others are compared with, episode by episode, of those that fly (default: "
+        f"{tables.REFERENCE}, if it does)",
+    )
+    parser.add_argument(
         "--jobs",
         type=whole("jobs"),
         default=cores(),
@@ -93,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
     scenarios = _scenarios(args)
     around = wrapping_of(args)
     pairs = _pairs(args, scenarios, around)
+    if args.against not in (None, *(pair.policy.name for pair in pairs)):
+        raise CommandError(f"--against {shown(args.against)} is not allowed; it must be a policy that flies.")
     folder = files.output_folder(args.out) if args.out else None
     found = Found({}, {}, {})
     begun = time.perf_counter()
@@ -111,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
         for name, policy, _, seeds in pairs
         if (rows := found.rows.get((name, policy.name)))
     ]
-    data = tables.results_data(results, args.seed)
+    data = tables.results_data(results, args.seed, args.against or tables.REFERENCE)
     text = tables.table(data, around.plain(), found.microseconds) if data else ""
     print(text, end="")
     if folder is not None:

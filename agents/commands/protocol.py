@@ -22,7 +22,7 @@ from uwoc_gym.agents.options import (
     whole,
     wrapping_of,
 )
-from uwoc_gym.agents.reports import comparison, figures, files
+from uwoc_gym.agents.reports import comparison, figures, files, tables
 from uwoc_gym.baselines.controllers import CONTROLLERS
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import SCENARIOS
@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=list(RIVALS),
         choices=list(CONTROLLERS),
         metavar="POLICY",
-        help=f"the controllers that fly beside the groups; {comparison.REFERENCE}, with which all are compared, does "
+        help=f"the controllers that fly beside the groups; {tables.REFERENCE}, with which all are compared, does "
         "in any case, and the share of the way to clairvoyant is told where that does (default: "
         f"{' '.join(RIVALS)})",
     )
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
     args.scenario = args.scenario or usual_scenarios(args.groups)
     scenarios = scenarios_of(args)
     around = wrapping_of(args)
-    rivals = list(dict.fromkeys([*args.rivals, comparison.REFERENCE]))
+    rivals = list(dict.fromkeys([*args.rivals, tables.REFERENCE]))
     check_flights([CONTROLLERS[name] for name in rivals], scenarios, min(args.seeds, BATCH), around)
     folder, runs = files.output_folder(args.out), files.output_folder(args.runs, "--runs")
     if args.ship:
@@ -165,7 +165,7 @@ def run(args: argparse.Namespace) -> int:
     files.write_results(folder, args.command_line, scenarios, results)
     for name, by_policy in scores.items():
         returns = {policy: measures["return"] for policy, measures in by_policy.items()}
-        if returns[comparison.REFERENCE].shape[1] > 1:
+        if returns[tables.REFERENCE].shape[1] > 1:
             figures.profiles(folder / f"profile-{name}.png", name, returns, scenarios[name], around.plain())
     text = comparison.markdown(args.command_line, results)
     files.write_text(folder / "BENCHMARK.md", text)

@@ -20,6 +20,7 @@ from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
 from uwoc_gym.agents.policies.registry import POLICIES, TRAINED, shipped
 from uwoc_gym.agents.reports import files, statistics, tables
+from uwoc_gym.agents.reports.tables import REFERENCE
 from uwoc_gym.registry import ENV_IDS
 from uwoc_gym.scenario import Scenario
 
@@ -29,9 +30,6 @@ SCORES = TRAINED / "scores.json"
 
 SEEDS = range(200)
 """The seeds of the benchmark that cards are written from: those that are held out."""
-
-REFERENCE = "nlpd-tuned"
-"""What agents are compared with, episode by episode."""
 
 _COMPARED = {
     "arrival_time_s": ("arrives later", 1.0),

@@ -10,12 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from uwoc_gym.agents.reports import statistics, tables
+from uwoc_gym.agents.reports.tables import REFERENCE
 from uwoc_gym.metrics import AFTERMATH_S
 
 Array = npt.NDArray[np.float64]
-
-REFERENCE = "nlpd-tuned"
-"""What every policy is compared with, episode by episode."""
 
 
 def compared(own: Mapping[str, Mapping[str, Array]], scenario: str = "", possible: float = math.nan) -> dict[str, Any]:

@@ -142,7 +142,11 @@ class Result(NamedTuple):
     """The highest return that an episode can have."""
 
 
-def results_data(results: Sequence[Result], seed: int, reference: str = "nlpd-tuned") -> list[dict[str, Any]]:
+REFERENCE = "nlpd-tuned"
+"""Whom policies are compared with, episode by episode, unless another is said."""
+
+
+def results_data(results: Sequence[Result], seed: int, reference: str = REFERENCE) -> list[dict[str, Any]]:
     """The results as plain data for JSON and `table`.
 
     Args:

@@ -133,6 +133,25 @@ def test_interrupt_keeps_finished_episodes(
     assert "interrupted after 2 finished episodes" in capsys.readouterr().err.splitlines()[-1]
 
 
+def test_whom_the_others_are_compared_with_can_be_said(
+    scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _fly(scenario_file, out, "--policy", "pd", "lqr", "--against", "pd") == 0
+    assert "return − pd" in capsys.readouterr().out
+    one, other = json.loads((out / "results.json").read_text())["results"]
+    assert one["against"] is None
+    assert other["against"]["policy"] == "pd"
+    rows = _rows(out)
+    returns = {
+        name: np.array([float(row["return"]) for row in rows if row["policy"] == name]) for name in ("pd", "lqr")
+    }
+    assert other["against"]["difference"]["value"] == pytest.approx((returns["lqr"] - returns["pd"]).mean())
+    assert _fly(scenario_file, tmp_path / "none", "--policy", "pd", "--against", "lqr") == 1
+    assert "--against 'lqr' is not allowed; it must be a policy that flies" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+
+
 def test_an_interrupt_while_episodes_are_kept_leaves_them_everywhere(
     scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
