@@ -17,6 +17,7 @@ EXTRAS = {
     "optuna": "tune",
     "plotly": "render",
     "pygame": "render",
+    "ray": "ray",
     "sb3_contrib": "agents",
     "stable_baselines3": "agents",
     "tensorboard": "agents",

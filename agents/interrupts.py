@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 import time
 from collections.abc import Iterator
@@ -82,7 +81,7 @@ def noted() -> Iterator[list[int]]:
 
 @contextmanager
 def kept_from_children() -> Iterator[None]:
-    """Processes begun in the block don't hear Ctrl-C: their parent answers it, by `stop_children`."""
+    """Processes begun in the block don't hear Ctrl-C: their parent answers it, by ending them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -93,9 +92,3 @@ def kept_from_children() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def stop_children() -> None:
-    """Ask the processes that this one has begun to stop."""
-    for child in multiprocessing.active_children():
-        child.terminate()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -10,6 +11,7 @@ from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.policies.registry import MAY_BE, load
 from uwoc_gym.agents.scenarios import said
 from uwoc_gym.agents.viewing.episode import Episode
+from uwoc_gym.agents.work import cores
 from uwoc_gym.agents.wrapping import MAY_BE as WRAPPER_MAY_BE
 from uwoc_gym.agents.wrapping import Wrapping, wrapping
 from uwoc_gym.baselines.policy import Policy
@@ -58,6 +60,38 @@ def frame_size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(
             f"{shown(text)} is not allowed; it must be a width and a height [px] from {least} to {most}, as 1280x720."
         ) from None
+
+
+def add_work_arguments(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the options that say who does the work.
+
+    Args:
+        parser: Gets them.
+        what: What is done side by side, as in "flights at a time".
+    """
+    parser.add_argument(
+        "--jobs",
+        type=whole("jobs"),
+        metavar="N",
+        help=f"{what}, for the same results (default: as many as there are cores, {cores()} on this machine)",
+    )
+    parser.add_argument(
+        "--on",
+        type=_place,
+        metavar="PLACE",
+        help="where it is done, for the same results: ray, for Ray on this machine, or ray://HOST:PORT, for a cluster "
+        "that knows all folders and policies that are named (default: processes of this machine)",
+    )
+
+
+def _place(text: str) -> str:
+    """An argparse type: where work is done."""
+    if re.fullmatch(r"ray(://[^/\s:]+:\d+)?", text):
+        return text
+    raise argparse.ArgumentTypeError(
+        f"{shown(text)} is not allowed; it must be ray, or ray://HOST:PORT with the port of a cluster's Ray client "
+        "server, 10001 if nothing else was said."
+    )
 
 
 def add_search_arguments(parser: argparse.ArgumentParser) -> None:

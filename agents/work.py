@@ -1,7 +1,7 @@
 """The one place that runs jobs: a list of tasks that know nothing of each other, done by so many processes.
 
-What runs them elsewhere, such as on other machines, goes behind `run_all`: a task can be pickled, carries all its
-seeds, and gives the same whoever runs it.
+A task can be pickled, carries all its seeds, and gives the same whoever runs it: a process of this machine, or one of
+a cluster (`cluster.py`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing.connection import Connection, wait
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError
@@ -49,14 +49,14 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def run_all(tasks: Iterable[Task], jobs: int) -> Generator[tuple[Task, Any], None, None]:
-    """Do tasks, so many at a time, each in a process of its own; one at a time they are done in this process.
+def run_all(tasks: Iterable[Task], hands: Hands) -> Generator[tuple[Task, Any], None, None]:
+    """Do tasks.
 
-    Processes have one thread each. Close the iterator where it isn't used up, as `contextlib.closing` does.
+    Close the iterator where it isn't used up, as `contextlib.closing` does: then those at work stop.
 
     Args:
-        tasks: Taken from as there are processes for them.
-        jobs: How many at a time.
+        tasks: Taken from as there is somebody for them.
+        hands: Who does them.
 
     Yields:
         Each task with its result, in the order of the tasks.
@@ -67,62 +67,118 @@ def run_all(tasks: Iterable[Task], jobs: int) -> Generator[tuple[Task, Any], Non
             may be missing.
         Exception: A task failed with it; those before it have been given, and no more are begun.
     """
-    if jobs == 1:
-        for task in tasks:
+    numbered = enumerate(tasks)
+    waiting: dict[int, Task] = {}
+    answers: dict[int, Answer] = {}
+    try:
+        while True:
             interrupts.check()
-            yield task, task.run()
-        return
-    yield from _Crew(jobs).done(iter(tasks))
+            idle = min(hands.jobs - (len(waiting) - len(answers)), _AHEAD * hands.jobs - len(waiting))
+            for number, task in islice(numbered, max(idle, 0)):
+                waiting[number] = task
+                hands.begin(number, task)
+            if not waiting:
+                return
+            first = next(iter(waiting))
+            if first not in answers:
+                answers |= {answer.number: answer for answer in hands.answers()}
+                continue
+            answer = answers.pop(first)
+            if not answer.good:
+                raise answer.found
+            yield waiting.pop(first), answer.found
+    except KeyboardInterrupt:
+        hands.stop()
+        for number, answer in sorted(answers.items()):
+            if answer.good:
+                yield waiting[number], answer.found
+        raise
+    finally:
+        if waiting:
+            hands.stop()
 
 
 _AHEAD = 8
 """How many tasks for each process may be done or under way while a result before theirs is waited for."""
 
 
-class _Crew:
-    """Processes that do tasks."""
+class Answer(NamedTuple):
+    """What came of a task."""
+
+    number: int
+    """The task's own, as `Hands.begin` was told it."""
+    good: bool
+    found: Any
+    """Its result, or the error that it ended with."""
+
+
+class Hands(Protocol):
+    """Those who do tasks."""
+
+    jobs: int
+    """How many at a time."""
+
+    def begin(self, number: int, task: Task) -> None:
+        """Let somebody who has nothing to do begin a task.
+
+        Raises:
+            CommandError: Nobody can.
+        """
+
+    def answers(self) -> Sequence[Answer]:
+        """Wait for tasks to end; none may have when it returns, so that requests to stop are heard."""
+
+    def stop(self) -> None:
+        """Let nobody go on with what was begun; who was at work has put away what it keeps when this returns."""
+
+    def close(self) -> None:
+        """Let all go."""
+
+
+class Here:
+    """This process, which does tasks itself, one at a time."""
+
+    jobs = 1
+
+    def __init__(self) -> None:
+        self._done: list[Answer] = []
+
+    def begin(self, number: int, task: Task) -> None:
+        """See `Hands`."""
+        try:
+            self._done.append(Answer(number, True, task.run()))
+        except Exception as error:
+            self._done.append(Answer(number, False, error))
+
+    def answers(self) -> Sequence[Answer]:
+        """See `Hands`."""
+        done, self._done = self._done, []
+        return done
+
+    def stop(self) -> None:
+        """See `Hands`."""
+        self._done.clear()
+
+    def close(self) -> None:
+        """See `Hands`."""
+
+
+class Crew:
+    """Processes of this machine that do tasks.
+
+    Args:
+        jobs: How many; each has one thread.
+    """
 
     def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
+        self.jobs = jobs
         self._workers: dict[Connection, multiprocessing.process.BaseProcess] = {}
-        self._under_way: dict[Connection, int] = {}
+        self._under_way: dict[Connection, tuple[int, Task]] = {}
 
-    def done(self, tasks: Iterator[Task]) -> Generator[tuple[Task, Any], None, None]:
-        """See `run_all`."""
-        numbered = enumerate(tasks)
-        waiting: dict[int, Task] = {}
-        answers: dict[int, tuple[bool, Any]] = {}
-        try:
-            while True:
-                interrupts.check()
-                idle = min(self._jobs - len(self._under_way), _AHEAD * self._jobs - len(waiting))
-                for number, task in islice(numbered, idle):
-                    waiting[number] = task
-                    self._begin(number, task)
-                if not waiting:
-                    return
-                first = next(iter(waiting))
-                if first not in answers:
-                    for connection in wait(list(self._under_way)):
-                        number = self._under_way[connection]  # type: ignore[index]
-                        answers[number] = self._answer(connection, waiting[number])  # type: ignore[arg-type]
-                    continue
-                good, found = answers.pop(first)
-                if not good:
-                    raise found
-                yield waiting.pop(first), found
-        except KeyboardInterrupt:
-            self._stop()
-            for number, (good, found) in sorted(answers.items()):
-                if good:
-                    yield waiting[number], found
-            raise
-        finally:
-            self._stop()
-
-    def _begin(self, number: int, task: Task) -> None:
+    def begin(self, number: int, task: Task) -> None:
+        """See `Hands`."""
         connection = self._idle()
-        self._under_way[connection] = number
+        self._under_way[connection] = number, task
         # That a process has ended is noticed where its answer is read.
         with suppress(BrokenPipeError):
             connection.send(task)
@@ -145,21 +201,32 @@ class _Crew:
         self._workers[own] = process
         return own
 
-    def _answer(self, connection: Connection, task: Task) -> tuple[bool, Any]:
-        """Whether the process has done its task, and the result or what went wrong."""
-        del self._under_way[connection]
+    def answers(self) -> Sequence[Answer]:
+        """See `Hands`."""
+        return [self._answer(connection) for connection in wait(list(self._under_way))]  # type: ignore[arg-type]
+
+    def _answer(self, connection: Connection) -> Answer:
+        """What the process says of its task."""
+        number, task = self._under_way.pop(connection)
         try:
             good, found = connection.recv()
         except (EOFError, ConnectionResetError):
             process = self._workers.pop(connection)
             process.join()
             connection.close()
-            return False, CommandError(f"{task.name}: its process ended with status {process.exitcode}")
-        return good, found
+            return Answer(number, False, CommandError(f"{task.name}: its process ended with status {process.exitcode}"))
+        return Answer(number, good, found)
 
-    def _stop(self) -> None:
-        for connection, process in self._workers.items():
+    def stop(self) -> None:
+        """See `Hands`."""
+        for process in self._workers.values():
             process.terminate()
+        self.close()
+
+    def close(self) -> None:
+        """See `Hands`."""
+        # Who is let go ends by itself, and puts away what Python keeps track of.
+        for connection in self._workers:
             connection.close()
         for process in self._workers.values():
             process.join()
@@ -176,22 +243,36 @@ def serve(connection: Connection) -> None:
         except EOFError:
             return
         except Exception as error:
-            answer = False, _portable(error)
+            answer = False, portable(error)
         else:
-            try:
-                answer = True, task.run()
-            except Exception as error:
-                answer = False, _portable(error)
+            answer = attempt(task)
         try:
             connection.send(answer)
         except BrokenPipeError:
             return
         except Exception as error:
             # What a task gives, its process must be able to send.
-            connection.send((False, _portable(error)))
+            connection.send((False, portable(error)))
 
 
-def _portable(error: Exception) -> Exception:
+def attempt(task: Task) -> tuple[bool, Any]:
+    """Do a task in a process that is there for that.
+
+    Returns:
+        Whether it was done, and its result, or an error that any process can raise.
+
+    Raises:
+        SystemExit: It was asked to stop.
+    """
+    try:
+        return True, task.run()
+    except KeyboardInterrupt:
+        raise SystemExit(interrupts.status()) from None
+    except Exception as error:
+        return False, portable(error)
+
+
+def portable(error: Exception) -> Exception:
     """An error that another process can raise, with a note of where it was raised here."""
     if isinstance(error, CommandError):
         return error
@@ -203,15 +284,15 @@ def _portable(error: Exception) -> Exception:
     return told
 
 
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
 """What says how many threads NumPy, PyTorch and Numba take, which read it when they are imported."""
 
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Processes begun in the block have one thread for their numbers: as many of them as cores share these."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         yield
     finally:

@@ -29,7 +29,7 @@ FLOORS = (
     ("uwoc_gym.agents.policies",),
     ("uwoc_gym.agents.flight",),
     ("uwoc_gym.agents.reports",),
-    ("uwoc_gym.agents.learning", "uwoc_gym.agents.viewing"),
+    ("uwoc_gym.agents.learning", "uwoc_gym.agents.viewing", "uwoc_gym.agents.cluster"),
     ("uwoc_gym.agents.options",),
     ("uwoc_gym.agents.commands",),
     ("uwoc_gym.agents.cli", "uwoc_gym.agents"),

@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uwoc_gym.agents import interrupts
+from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import Series, batches, check_flights, decision_time, flown, flown_seeds, fly, possible
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
     add_trust_argument,
+    add_work_arguments,
     add_wrapper_argument,
     number,
     policies_of,
@@ -85,13 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="whom the others are compared with, episode by episode, of those that fly (default: "
         f"{tables.REFERENCE}, if it does)",
     )
-    parser.add_argument(
-        "--jobs",
-        type=whole("jobs"),
-        default=cores(),
-        metavar="N",
-        help="processes that fly at a time, for the same results (default: as many as there are cores, %(default)s)",
-    )
+    add_work_arguments(parser, "processes that fly at a time")
     parser.add_argument("--out", metavar="DIR", help="folder for results.json, episodes.csv, table.md and figures")
 
 
@@ -249,16 +245,6 @@ def _fly_all(
     """Fly everything; what is finished stands in ``found`` and ``episodes`` at any time."""
     from tqdm import tqdm
 
-    # A lone flight isn't worth another process.
-    jobs = min(args.jobs, sum(-(-len(pair.seeds) // args.batch) for pair in pairs))
-    left = TimeLeft(
-        (
-            (pair.policy.name, scenarios[pair.scenario], batch)
-            for pair in pairs
-            for batch in batches(pair.seeds, args.batch)
-        ),
-        jobs,
-    )
     count, total = 0, sum(len(pair.seeds) for pair in pairs)
     shown = "{percentage:3.0f} % |{bar}| {elapsed} gone, {desc}"
     # Tasks come back in their order; of those that an interruption has ended, some may be missing.
@@ -269,10 +255,21 @@ def _fly_all(
             of_task.append(each)
             yield each[1]
 
-    with tqdm(total=left.work, bar_format=shown, file=sys.stderr, desc="compiling") as bar:
+    flights = [
+        (pair.policy.name, scenarios[pair.scenario], batch)
+        for pair in pairs
+        for batch in batches(pair.seeds, args.batch)
+    ]
+    left = TimeLeft(flights)
+    # A lone flight isn't worth another process.
+    jobs = args.jobs if args.on else min(args.jobs or cores(), len(flights))
+    with (
+        workers(jobs, args.on) as crew,
+        tqdm(total=left.work, bar_format=shown, file=sys.stderr, desc="compiling") as bar,
+    ):
         warm_up(scenarios, pairs, around, min(args.batch, args.seeds), everybody=jobs == 1)
         bar.set_description_str(f"flying: 0 of {total} episodes")
-        with closing(run_all(tasks(), jobs)) as done:
+        with closing(run_all(tasks(), crew)) as done:
             for task, result in done:
                 while of_task[0][1] is not task:
                     of_task.popleft()
@@ -295,7 +292,7 @@ def _fly_all(
                 found.series.setdefault(name, {}).setdefault(policy, (task.seeds[0], result.series))
                 count += len(task.seeds)
                 bar.update(left.done((policy, scenarios[name], task.seeds), result.seconds))
-                bar.set_description_str(f"{left.words()}: {count} of {total} episodes, {name}, {policy}")
+                bar.set_description_str(f"{left.words(crew.jobs)}: {count} of {total} episodes, {name}, {policy}")
         bar.set_description_str(f"done: {count} episodes")
 
 
@@ -330,11 +327,9 @@ class TimeLeft:
 
     Args:
         flights: Policy, scenario and seeds of each flight.
-        jobs: How many fly at a time.
     """
 
-    def __init__(self, flights: Iterable[tuple[str, Scenario, Sequence[int]]], jobs: int = 1) -> None:
-        self._jobs = jobs
+    def __init__(self, flights: Iterable[tuple[str, Scenario, Sequence[int]]]) -> None:
         self._to_do: dict[str, float] = {}
         self._done: dict[str, float] = {}
         self._seconds: dict[str, float] = {}
@@ -351,8 +346,8 @@ class TimeLeft:
         self._seconds[policy] = self._seconds.get(policy, 0.0) + seconds
         return work
 
-    def seconds(self) -> float | None:
-        """What is left [s]; None before anything is known."""
+    def seconds(self, jobs: int = 1) -> float | None:
+        """What is left [s] where so many fly at a time; None before anything is known."""
         if not self._done:
             return None
         usual = sum(self._seconds.values()) / sum(self._done.values())
@@ -360,11 +355,11 @@ class TimeLeft:
             work * (self._seconds[policy] / self._done[policy] if policy in self._done else usual)
             for policy, work in self._to_do.items()
         )
-        return alone / self._jobs
+        return alone / jobs
 
-    def words(self) -> str:
+    def words(self, jobs: int) -> str:
         """What is left in a few words."""
-        seconds = self.seconds()
+        seconds = self.seconds(jobs)
         if seconds is None:
             return "flying"
         return f"about {seconds / 60.0:.0f} min left" if seconds >= 90.0 else f"about {seconds:.0f} s left"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import check_flights, decision_time, possible
 from uwoc_gym.agents.learning import protocol
@@ -17,6 +19,7 @@ from uwoc_gym.agents.learning.protocol import GROUPS, USUAL
 from uwoc_gym.agents.learning.seeds import BATCH, HELD_OUT, RUNS
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
+    add_work_arguments,
     add_wrapper_argument,
     scenarios_of,
     whole,
@@ -96,13 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="held-out seeds (default: %(default)s)",
     )
     parser.add_argument("--steps", type=whole("steps"), metavar="N", help="training steps instead of the settings' own")
-    parser.add_argument(
-        "--jobs",
-        type=whole("jobs"),
-        default=2,
-        metavar="N",
-        help="trainings and flights at a time (default: %(default)s)",
-    )
+    add_work_arguments(parser, "trainings and flights at a time")
     parser.add_argument("--runs", required=True, metavar="DIR", help="folder of the trainings; what is there is kept")
     parser.add_argument("--ship", metavar="DIR", help="put each group's best agent on the validation seeds here")
     parser.add_argument(
@@ -113,6 +110,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train what is missing, fly everything and report; returns the exit status."""
     require("tqdm", "matplotlib", "stable_baselines3", "sb3_contrib", "yaml")
+    from tqdm import tqdm
+
     args.scenario = args.scenario or usual_scenarios(args.groups)
     scenarios = scenarios_of(args)
     around = wrapping_of(args)
@@ -128,14 +127,19 @@ def run(args: argparse.Namespace) -> int:
     protocol.check(members, scenarios)
     # By seed, so that a protocol that is stopped has as much of every group.
     jobs = sorted((job for own in members.values() for job in own), key=lambda job: job.wish.seed or 0)
-    protocol.train_all(jobs, args.jobs)
     folders = {group: [job.folder for job in own] for group, own in members.items()}
-    if args.ship:
-        for group, own in folders.items():
-            protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
     policies = {name: [name] for name in rivals}
     policies |= {group: [str(path) for path in own] for group, own in folders.items()}
-    scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], args.jobs, args.wrapper)
+    flights = len(scenarios) * sum(map(len, policies.values()))
+    with (
+        workers(args.jobs, args.on) as crew,
+        tqdm(total=len(jobs) + flights, unit="job", file=sys.stderr) as bar,
+    ):
+        protocol.train_all(jobs, crew, bar)
+        if args.ship:
+            for group, own in folders.items():
+                protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
+        scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], crew, bar, args.wrapper)
     first = next(iter(scenarios.values()))
     results: dict[str, Any] = {
         "held_out_seeds": args.seeds,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uwoc_gym.agents import interrupts
+from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.errors import CommandError, naming, require
 from uwoc_gym.agents.flight import check_flights
 from uwoc_gym.agents.learning import tuning
@@ -18,6 +19,7 @@ from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, VALIDATION
 from uwoc_gym.agents.options import (
     add_scenario_arguments,
     add_search_arguments,
+    add_work_arguments,
     add_wrapper_argument,
     whole,
     wrapping_of,
@@ -29,6 +31,9 @@ from uwoc_gym.baselines.controllers import CONTROLLERS, KINDS, Tuned, begun
 from uwoc_gym.given import shown
 
 HELP = "search for a controller's gains on training seeds, or for a learner's settings by what it scores in validation"
+BATCH = 16
+"""Gain sets that are flown at a time."""
+
 EXAMPLES = """\
 examples:
   uwoc-gym tune nlpd --out tuning/nlpd
@@ -65,9 +70,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--batch",
         type=whole("episodes at a time"),
-        default=16,
         metavar="N",
-        help="gain sets to fly at a time (default: %(default)s)",
+        help="points that are drawn before the first of them is known, which the search's course hangs on (default: "
+        f"{BATCH}; learners 1)",
     )
     parser.add_argument(
         "--episodes", type=whole("episodes at a time"), default=64, metavar="N",
@@ -87,6 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="steps of a learner's trial (default: %(default)s)",
     )
+    add_work_arguments(parser, "flights or trainings at a time")
     add_search_arguments(parser)
 
 
@@ -106,7 +112,8 @@ def _gains(args: argparse.Namespace) -> Found:
     name, _, _, scenario = said("Random" if args.scenario is None else args.scenario, args.override)
     around = wrapping_of(args)
     start = _begun(args)
-    together = args.batch if KINDS[args.target].together else 1
+    batch = args.batch or BATCH
+    together = batch if KINDS[args.target].together else 1
     check_flights([start.policy(args.target)], {name: scenario}, together * args.episodes, around)
     box = tuning.changed(tuning.box_of(args.target, scenario), args.box)
     folder = files.output_folder(args.out)
@@ -116,14 +123,14 @@ def _gains(args: argparse.Namespace) -> Found:
         **({"wrappers": around.plain()} if around else {}),
         **({"begin": start.to_dict()} if args.begin is not None else {}),
     }  # fmt: skip
-    with files.locked(folder):
+    with files.locked(folder), workers(args.jobs, args.on) as crew:
         found = search(
             folder,
             problem,
             box,
-            tuning.controller_score(args.target, scenario, args.seed, args.episodes, around, start.gains),
+            tuning.controller_score(args.target, scenario, args.seed, args.episodes, crew, args.wrapper, start.gains),
             trials=args.trials or 2000,
-            batch=args.batch,
+            batch=batch,
             seed=args.seed,
             direction="maximize",
             sampler="cma-es",
@@ -187,14 +194,14 @@ def _settings(args: argparse.Namespace) -> Found:
         problem["scenario"] = plan.task.to_dict()
     if plan.wrapping.words:
         problem["wrappers"] = plan.wrapping.plain()
-    with files.locked(folder):
+    with files.locked(folder), workers(args.jobs, args.on) as crew:
         found = search(
             folder,
             problem,
             box,
-            tuning.learner_score(wish, folder),
+            tuning.learner_score(wish, folder, crew),
             trials=args.trials or 30,
-            batch=1,
+            batch=args.batch or 1,
             seed=args.seed,
             direction="maximize",
             sampler="tpe",

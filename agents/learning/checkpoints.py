@@ -6,8 +6,10 @@ removed. Whatever stops the process, the newest folder with a proper name is who
 
 from __future__ import annotations
 
+import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -102,6 +104,54 @@ def save_buffer(buffer: Any, path: Path) -> None:
     # One more than filled: a buffer that saves memory keeps the next observation there.
     parts = {name: value[: filled + 1] for name, value in _arrays(buffer).items()}
     np.savez(path, pos=buffer.pos, full=buffer.full, **parts)
+
+
+def save_plain(path: Path, value: Any) -> None:
+    """Save numbers, texts, arrays, and tuples and mappings of them, such as a policy's memory, and no objects.
+
+    Raises:
+        TypeError: Something else is among them.
+    """
+    arrays: list[npt.NDArray[Any]] = []
+
+    def told(each: Any) -> Any:
+        if each is None or isinstance(each, (bool, int, float, str)):
+            return each
+        if isinstance(each, Mapping):
+            return {"named": {str(key): told(own) for key, own in each.items()}}
+        if isinstance(each, (tuple, list, deque)):
+            return {"in order": [told(own) for own in each]}
+        array = np.asarray(each)
+        if array.dtype.hasobject:
+            raise TypeError(f"{type(each).__name__} can't be kept")
+        arrays.append(array)
+        return {"array": len(arrays) - 1}
+
+    text = json.dumps(told(value))
+    np.savez(path, np.array(text), *arrays)
+
+
+def read_plain(path: Path) -> Any:
+    """What `save_plain` saved; what stood in order comes back as a tuple.
+
+    Raises:
+        CommandError: The file can't be read.
+    """
+
+    def found(each: Any) -> Any:
+        if not isinstance(each, dict):
+            return each
+        ((kind, own),) = each.items()
+        if kind == "named":
+            return {key: found(value) for key, value in own.items()}
+        return tuple(map(found, own)) if kind == "in order" else saved[f"arr_{own + 1}"]
+
+    try:
+        with path.open("rb") as file, np.load(file) as saved:
+            return found(json.loads(str(saved["arr_0"])))
+    # NumPy raises anything on what is damaged, from a BadZipFile to a SyntaxError.
+    except Exception as error:
+        raise damaged(path, error) from None
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> dict[str, npt.NDArray[Any]]:

@@ -26,6 +26,7 @@ from uwoc_gym.sb3 import TrackingVecEnv
 from uwoc_gym.scenario import Scenario
 from uwoc_gym.spaces import action_space
 from uwoc_gym.task.observation import LIMIT
+from uwoc_gym.vector_env import TrackingVectorEnv
 
 
 class ResidualVecEnv(VecEnvWrapper):
@@ -63,6 +64,14 @@ class ResidualVecEnv(VecEnvWrapper):
         self._corrected.see(observations, dones)
         return observations, rewards, dones, infos
 
+    def kept(self) -> tuple[Any, ...]:
+        """See `kept`."""
+        return self._corrected.kept()
+
+    def put_back(self, *kept: Any) -> None:
+        """See `put_back`."""
+        self._corrected.put_back(*kept)
+
 
 class BelievingVecEnv(VecEnvWrapper):
     """Adds what filters believe to the observations of Stable-Baselines3's vector environments.
@@ -97,6 +106,14 @@ class BelievingVecEnv(VecEnvWrapper):
                 infos[i]["terminal_observation"] = own
         found, self._memory = self._beliefs(cast(Any, observations), self._memory, dones)
         return found, rewards, dones, infos
+
+    def kept(self) -> tuple[Any, ...]:
+        """See `kept`."""
+        return (self._memory,)
+
+    def put_back(self, memory: Memory) -> None:
+        """See `put_back`."""
+        self._memory = memory
 
 
 class StaggeredVecEnv(VecEnvWrapper):
@@ -139,6 +156,14 @@ class StaggeredVecEnv(VecEnvWrapper):
                 infos[i] |= {"terminal_observation": np.array(observations[i]), "TimeLimit.truncated": True}
             observations = np.where(cut[:, None], begun, observations)
         return observations, rewards, dones | cut, infos
+
+    def kept(self) -> tuple[Any, ...]:
+        """See `kept`."""
+        return self._cuts, self._step
+
+    def put_back(self, cuts: Any, step: int) -> None:
+        """See `put_back`."""
+        self._cuts, self._step = cuts, step
 
 
 class EpisodeMonitor(VecEnvWrapper):
@@ -199,6 +224,17 @@ class EpisodeMonitor(VecEnvWrapper):
             infos[i]["episode"] = {"r": float(self._sums[i]), "l": int(self._lengths[i])}
             self._sums[i] = self._lengths[i] = self._inside[i] = 0.0
         return observations, rewards, dones, infos
+
+    def kept(self) -> tuple[Any, ...]:
+        """See `kept`."""
+        return self._sums, self._lengths, self._inside, self.seen, tuple(self.returns), tuple(self.availabilities)
+
+    def put_back(self, sums: Any, lengths: Any, inside: Any, seen: Any, *latest: tuple[float, ...]) -> None:
+        """See `put_back`."""
+        self._sums, self._lengths, self._inside, self.seen = sums, lengths, inside, seen
+        self.forget()
+        for own, values in zip((self.returns, self.availabilities), latest, strict=True):
+            own.extend(values)
 
 
 class Base(NamedTuple):
@@ -362,6 +398,58 @@ def wrapped(
     if values["frame_stack"] > 1:
         env = VecFrameStack(env, values["frame_stack"])
     return env, monitor, statistics
+
+
+def kept(env: VecEnv) -> tuple[Any, ...] | None:
+    """What every layer of environments needs to go on as if it had never stopped, from the outside in.
+
+    None where one doesn't say: environments that aren't a fleet of ours, or wrappers around them.
+    """
+    own: tuple[Any, ...]
+    if isinstance(env, TrackingVecEnv):
+        fleet = env.vector_env
+        return (fleet.snapshot(),) if isinstance(fleet, TrackingVectorEnv) else None
+    if isinstance(env, VecNormalize):
+        own = (env.returns, env.old_obs, env.old_reward, *(vars(each) for each in _running(env)))
+    elif isinstance(env, VecFrameStack):
+        own = (env.stacked_obs.stacked_obs,)
+    elif isinstance(env, _OURS):
+        own = env.kept()
+    else:
+        return None
+    below = kept(env.venv)
+    return None if below is None else (own, *below)
+
+
+_OURS = (ResidualVecEnv, BelievingVecEnv, StaggeredVecEnv, EpisodeMonitor)
+
+
+def _running(env: VecNormalize) -> list[Any]:
+    """Its running statistics."""
+    return [env.ret_rms, env.obs_rms] if env.norm_obs else [env.ret_rms]
+
+
+def put_back(env: VecEnv, own: Any, *below: Any) -> None:
+    """Let environments go on from what `kept` has told.
+
+    Raises:
+        TypeError, ValueError: It is of other environments.
+    """
+    if isinstance(env, TrackingVecEnv):
+        fleet: Any = env.vector_env
+        fleet.restore(own)
+        return
+    if isinstance(env, VecNormalize):
+        env.returns, env.old_obs, env.old_reward, *statistics = own
+        for each, stood in zip(_running(env), statistics, strict=True):
+            vars(each).update({name: stood[name] for name in vars(each)})
+    elif isinstance(env, VecFrameStack):
+        env.stacked_obs.stacked_obs = own[0]
+    elif isinstance(env, _OURS):
+        env.put_back(*own)
+    else:
+        raise TypeError(f"{type(env).__name__} has nothing to be put back")
+    put_back(env.venv, *below)
 
 
 def normalisation_of(env: VecNormalize | None) -> Normalisation | None:

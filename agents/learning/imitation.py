@@ -43,7 +43,7 @@ class Lessons:
         teacher: Who knows what to do.
         scenario: What is practised on.
         steps: Steps to fly in all; whole lots of a round.
-        seed: Of who flies, and of the order in which is learned.
+        seed: Of the first round's environments, of who flies, and of the order in which is learned.
     """
 
     def __init__(
@@ -52,13 +52,13 @@ class Lessons:
         self.model, self._monitor, self._teacher = model, monitor, teacher
         self._pilot = teacher.pilot(scenario)
         self._widths = tuple(int(space.shape[0]) for space in (model.observation_space, model.action_space))
+        self._seed = seed
         self._rng = np.random.default_rng(seed)
         self._length = -(-steps // (ROUNDS * monitor.num_envs))
         self.seen: list[torch.Tensor] = []
         """What was seen, (steps, entries) of each round."""
         self.told: list[torch.Tensor] = []
         """What the teacher would have done, (steps, actions) of each."""
-        self._optimizer = torch.optim.Adam(model.policy.parameters(), _FIRST_RATE)
 
     @property
     def rounds(self) -> int:
@@ -79,9 +79,12 @@ class Lessons:
             CommandError: The teacher fails, or gives something else than finite actions of the right shape.
         """
         env = self.model.get_env()
-        observation, begun, memory = env.reset(), np.ones(env.num_envs, dtype=bool), None
         largest = float(self.model.policy.log_std.detach().exp().mean())
         while self.rounds < ROUNDS:
+            # A round hangs on what was learned in those before it alone, so that the next one can be begun anywhere.
+            self._rng = np.random.default_rng([self._seed, self.rounds])
+            env.seed(self._seed + self.rounds * env.num_envs)
+            observation, begun, memory = env.reset(), np.ones(env.num_envs, dtype=bool), None
             taught = self._rng.random(env.num_envs) < 1.0 - 2.0 * self.rounds / ROUNDS
             # Some without noise, as the agent will fly in the end, and some as it will explore.
             noise = self._rng.uniform(0.0, largest, (env.num_envs, 1))
@@ -107,15 +110,14 @@ class Lessons:
         policy = self.model.policy
         policy.set_training_mode(True)
         done = (self.rounds - 1) / (ROUNDS - 1)
-        for group in self._optimizer.param_groups:
-            group["lr"] = _FIRST_RATE + (_LAST_RATE - _FIRST_RATE) * done
+        optimizer = torch.optim.Adam(policy.parameters(), _FIRST_RATE + (_LAST_RATE - _FIRST_RATE) * done)
         for _ in range(max(1, round(_PASSES * len(seen) / _BATCH))):
             some = torch.as_tensor(self._rng.integers(len(seen), size=min(_BATCH, len(seen))))
             loss = mse_loss(policy.get_distribution(seen[some]).distribution.mean, told[some])
-            self._optimizer.zero_grad()
+            optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             clip_grad_norm_(policy.parameters(), 1.0)
-            self._optimizer.step()
+            optimizer.step()
 
     def save(self, path: Path) -> None:
         """Keep what was labelled."""

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
-import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +12,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, flown
 from uwoc_gym.agents.learning import checkpoints
@@ -23,7 +19,7 @@ from uwoc_gym.agents.learning.plans import Job, Plan, Wish, planned, recorded_pl
 from uwoc_gym.agents.learning.seeds import BATCH
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.reports import files
-from uwoc_gym.agents.work import Task, run_all
+from uwoc_gym.agents.work import Hands, Task, run_all
 from uwoc_gym.given import as_number, shown
 from uwoc_gym.scenario import Scenario
 
@@ -84,34 +80,28 @@ USUAL = tuple(name for name, group in GROUPS.items() if group.wish.env is None)
 """Those that are trained on Random, and on equal terms in all that looks like it."""
 
 
-def train_all(jobs: Sequence[Job], at_a_time: int) -> None:
-    """Train what isn't finished, each in a process of its own; what was stopped goes on where it stood.
+def train_all(jobs: Sequence[Job], crew: Hands, bar: Any) -> None:
+    """Train what isn't finished; what was stopped goes on where it stood, whoever does it.
+
+    Args:
+        jobs: The trainings.
+        crew: Who trains.
+        bar: Gets on by one for each of them.
 
     Raises:
-        CommandError: A training failed; no more are begun then.
+        CommandError: A training failed; no more are begun, and those under way write a checkpoint.
+        KeyboardInterrupt: It was asked to stop; those under way have written a checkpoint.
     """
-    from tqdm import tqdm
-
-    from uwoc_gym.agents.learning.training import finished
+    from uwoc_gym.agents.learning.training import finished, train_one
 
     missing = [job for job in jobs if not finished(job.folder)]
-    with (
-        ThreadPoolExecutor(at_a_time) as pool,
-        tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="training", file=sys.stderr) as bar,
-    ):
-        try:
-            for job, trouble in zip(missing, pool.map(_in_its_own_process, missing), strict=True):
-                if trouble is not None:
-                    pool.shutdown(cancel_futures=True)
-                    raise CommandError(
-                        f"a training failed; the others stand in their folders. {job.folder.name}: {trouble}"
-                    )
-                bar.update()
-        except KeyboardInterrupt:
-            # Those that are under way write a checkpoint.
-            pool.shutdown(wait=False, cancel_futures=True)
-            interrupts.stop_children()
-            raise
+    bar.update(len(jobs) - len(missing))
+    with closing(
+        run_all((Task(train_one, (job,), name=f"training {job.folder.name}") for job in missing), crew)
+    ) as done:
+        for task, _ in done:
+            bar.set_description(task.name)
+            bar.update()
 
 
 def check(groups: Mapping[str, Sequence[Job]], scenarios: Mapping[str, Scenario]) -> None:
@@ -147,40 +137,6 @@ def _check_same(job: Job, plan: Plan) -> None:
                 f"--runs: {job.folder} was begun with other {key} than this protocol's; move it away or give another "
                 "folder."
             )
-
-
-def _in_its_own_process(job: Job) -> str | None:
-    """What went wrong in a training, in a line; None if nothing did."""
-    # PyTorch and Numba don't like to be forked.
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=train_and_tell, args=(job, sender))
-    with interrupts.kept_from_children():
-        process.start()
-    sender.close()
-    try:
-        trouble: str | None = receiver.recv()
-    except EOFError:
-        # It was killed, and says nothing any more.
-        process.join()
-        trouble = f"its process ended with status {process.exitcode}"
-    process.join()
-    return trouble
-
-
-def train_and_tell(job: Job, sender: Any) -> None:
-    """Train in a process of its own, and send what went wrong."""
-    from uwoc_gym.agents.learning import training
-
-    trouble = None
-    try:
-        training.train(job.wish, job.folder, job.command, resume=training.begun(job.folder), bar=False)
-    except (Exception, KeyboardInterrupt) as error:
-        kind = "" if isinstance(error, (CommandError, training.Interruption)) else f"{type(error).__name__}: "
-        trouble = kind + " ".join(str(error).split())
-    # Whoever waited for it may be gone.
-    with suppress(BrokenPipeError):
-        sender.send(trouble)
 
 
 def jobs_of(
@@ -252,7 +208,8 @@ def fly_all(
     scenarios: Mapping[str, Scenario],
     policies: Mapping[str, Sequence[str]],
     seeds: Sequence[int],
-    jobs: int,
+    crew: Hands,
+    bar: Any,
     wrapper: Sequence[str] = (),
 ) -> dict[str, dict[str, dict[str, Array]]]:
     """Fly every policy through every scenario.
@@ -261,14 +218,13 @@ def fly_all(
         scenarios: By name.
         policies: The members of each policy, as `load` takes them.
         seeds: Seeds of the episodes.
-        jobs: Flights at a time, each in a process of its own.
+        crew: Who flies.
+        bar: Gets on by one for each flight.
         wrapper: What goes around the environments.
 
     Returns:
         Each measure by scenario and policy, shape (members, seeds).
     """
-    from tqdm import tqdm
-
     flights = [
         (scenario_name, name) for scenario_name in scenarios for name, members in policies.items() for _ in members
     ]
@@ -284,10 +240,7 @@ def fly_all(
         for member in members
     ]
     rows: dict[tuple[str, str], list[list[dict[str, float]]]] = {}
-    with (
-        closing(run_all(tasks, min(jobs, len(tasks)))) as done,
-        tqdm(total=len(flights), unit="flight", file=sys.stderr) as bar,
-    ):
+    with closing(run_all(tasks, crew)) as done:
         for (scenario_name, name), (_, found) in zip(flights, done, strict=True):
             bar.set_description(f"{scenario_name}, {name}")
             rows.setdefault((scenario_name, name), []).append(found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +19,9 @@ from stable_baselines3.common.utils import set_random_seed
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
-from uwoc_gym.agents.learning import checkpoints, environments
+from uwoc_gym.agents.learning import checkpoints, environments, standing
 from uwoc_gym.agents.learning.imitation import ROUNDS, Lessons, hold
-from uwoc_gym.agents.learning.plans import Plan, Wish, check_same, planned, recorded_plan
+from uwoc_gym.agents.learning.plans import Job, Plan, Wish, check_same, planned, recorded_plan
 from uwoc_gym.agents.learning.progress import Progress, read_progress
 from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, BATCH, training_seed
 from uwoc_gym.agents.learning.settings import constructor_arguments, written
@@ -47,7 +47,7 @@ LINES = 24
 _LAST, _BEST = "last.zip", "best.zip"
 """The last agent, in the run's folder and in a checkpoint, and the best one in a checkpoint."""
 
-_BUFFER, _LESSONS = "replay.npz", "lessons.npz"
+_BUFFER, _LESSONS, _STANDING = "replay.npz", "lessons.npz", "standing.npz"
 """What a checkpoint holds besides, where there is any."""
 
 _COUNTERS = ("_n_updates", "_episode_num")
@@ -127,6 +127,25 @@ def train(
     return run
 
 
+def train_one(job: Job, seeds: Sequence[int]) -> dict[str, Any]:
+    """A training as a task: to the end, or on to it from where the run in the folder stood.
+
+    Returns:
+        The best validation.
+
+    Raises:
+        CommandError: It failed.
+        KeyboardInterrupt: It was asked to stop, and has written a checkpoint.
+    """
+    try:
+        with naming(job.folder.name):
+            best = train(job.wish, job.folder, job.command, resume=begun(job.folder), bar=False).progress.best
+    except Interruption:
+        raise KeyboardInterrupt from None
+    assert best is not None
+    return best
+
+
 def _taken(folder: Path) -> CommandError:
     return CommandError(f"--out {folder} holds a run already; give --resume to go on with it, or another folder.")
 
@@ -180,8 +199,10 @@ class Run:
             normalisation, self.progress = _stood(resume)
         self.baselines: dict[str, dict[str, Any]] = {}
         values = plan.values
-        first = training_seed(plan.seed, self.progress.seeds_used)
-        self.progress.seeds_used += values["n_envs"]
+        self._from = None if resume is None else resume / _STANDING
+        self.stood = checkpoints.read_plain(self._from) if self._from is not None and self._from.is_file() else None
+        """Where the run stood between two rollouts; None before the first, or where that can't be told."""
+        self._first = self._first_seed()
         practice = plan.practice
         base = environments.make_base(plan.env_id, values["n_envs"], practice, values["env_kwargs"], plan.wrapping)
         shown = None if plan.wrapping else practice
@@ -189,17 +210,23 @@ class Run:
             base, values, self._corrected(practice), shown, normalisation, self._beliefs()
         )
         self.env = env
-        self.model = self._make(first)
-        self.lessons = self._lessons(practice, first)
+        self.model = self._make(self._first)
+        self.lessons = self._lessons(practice)
         if resume is not None:
             self._restore(resume)
-        # What is resumed gets episodes and noise of its own, not those it has seen.
-        set_random_seed(first)
-        env.action_space.seed(first)
-        env.seed(first)
         if resume is not None and (resume / _BEST).is_file():
             # One saved after the checkpoint isn't known to it.
             files.copy(resume / _BEST, folder / saved.MODEL)
+
+    def _first_seed(self) -> int:
+        """The seed of what is learned from rewards; what can't go on where it stood gets others than it has seen."""
+        plan, progress = self.plan, self.progress
+        envs = plan.values["n_envs"]
+        used = ROUNDS * envs if plan.values["teacher"] is not None else 0
+        if progress.steps and self.stood is None:
+            used = max(used, progress.seeds_used)
+        progress.seeds_used = max(progress.seeds_used, used + envs)
+        return training_seed(plan.seed, used)
 
     def _make(self, seed: int) -> Any:
         plan = self.plan
@@ -217,13 +244,13 @@ class Run:
             return None
         return Named(corrected.policy.pilot(scenario), corrected.policy.name)
 
-    def _lessons(self, scenario: Scenario | None, seed: int) -> Lessons | None:
+    def _lessons(self, scenario: Scenario | None) -> Lessons | None:
         """What is still to be learned from a teacher, if anything."""
         plan = self.plan
         if plan.teacher is None or scenario is None or self.progress.lessons >= ROUNDS:
             return None
         steps = plan.values["teacher_steps"]
-        return Lessons(self.model, self.monitor, plan.teacher.policy, scenario, steps, seed)
+        return Lessons(self.model, self.monitor, plan.teacher.policy, scenario, steps, training_seed(plan.seed))
 
     def _beliefs(self) -> Beliefs | None:
         """What filters add to observations; they know what is scored, in practice too."""
@@ -238,6 +265,18 @@ class Run:
             checkpoints.load_buffer(self.model.replay_buffer, path / _BUFFER)
         if self.lessons is not None:
             self.lessons.restore(path / _LESSONS)
+        if self.stood is not None:
+            standing.put(self.model, self.stood, path / _STANDING)
+
+    def _begin(self) -> None:
+        """Let random numbers go on from where they stood, or begin."""
+        if self.stood is not None:
+            assert self._from is not None
+            standing.let_draw(self.model, self.stood, self._from)
+            return
+        set_random_seed(self._first)
+        self.env.action_space.seed(self._first)
+        self.env.seed(self._first)
 
     def agent(self) -> Agent:
         """The present policy, as it would fly after training."""
@@ -323,6 +362,7 @@ class Run:
                 if self.lessons is not None:
                     callback.take(self.lessons)
                 if total > self.progress.steps:
+                    self._begin()
                     self.model.learn(
                         total - self.progress.steps, callback, log_interval=None, reset_num_timesteps=False
                     )
@@ -422,6 +462,10 @@ class Run:
             checkpoints.save_buffer(self.model.replay_buffer, folder / _BUFFER)
         if self.lessons is not None:
             self.lessons.save(folder / _LESSONS)
+        if self.stood is not None:
+            # What a policy that is corrected remembers may be anything.
+            with suppress(TypeError):
+                checkpoints.save_plain(folder / _STANDING, self.stood)
         files.write_json(folder / "progress.json", self.progress.__dict__)
 
     def write_results(self) -> None:
@@ -485,6 +529,7 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         run = self._run
         self._clean_steps = self.model.num_timesteps
+        run.stood = standing.taken(self.model)
         if run.plan.values["critic_steps"]:
             hold(self.model.policy, self._clean_steps < run.plan.values["critic_steps"])
         self._count(learning=True)
@@ -554,6 +599,9 @@ class _Watch(BaseCallback):
         if not run.kind.off_policy:
             # The rollout that was begun hasn't been learned from, and won't be.
             self.model.num_timesteps = self._clean_steps
+        elif self.model.num_timesteps != self._clean_steps:
+            # Steps within a lot are stored already, and not to be taken again.
+            run.stood = None
         self._clean_steps = self.model.num_timesteps
         self._count(learning=True)
         run.checkpoint()
@@ -564,6 +612,7 @@ class _Watch(BaseCallback):
         run = self._run
         self.model = run.model
         self._clean_steps = run.model.num_timesteps
+        run.stood = standing.taken(run.model)
         self._count(learning=True)
         if not run.progress.evaluations or run.progress.evaluations[-1]["steps"] != self._clean_steps:
             self._evaluate()

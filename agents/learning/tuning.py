@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from uwoc_gym.agents.learning.plans import Job, Wish
 from uwoc_gym.agents.learning.search import Dimension, Evaluate
 from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, BATCH, VALIDATION, training_seed
 from uwoc_gym.agents.learning.settings import TRAINABLE
-from uwoc_gym.agents.wrapping import PLAIN, Wrapping
+from uwoc_gym.agents.work import Hands, Task, run_all
+from uwoc_gym.agents.wrapping import PLAIN, Wrapping, wrapping
 from uwoc_gym.baselines import Gains
 from uwoc_gym.baselines.controllers import KINDS, GainSet, Tuned, one_for_each
 from uwoc_gym.baselines.guidance import GuidanceGains
@@ -164,36 +166,61 @@ def point_of(gains: GainSet, box: Box) -> dict[str, float]:
 
 
 def controller_score(
-    law: str, scenario: Scenario, seed: int, episodes: int, wrapping: Wrapping = PLAIN, rest: GainSet | None = None
+    law: str,
+    scenario: Scenario,
+    seed: int,
+    episodes: int,
+    crew: Hands,
+    wrapper: Sequence[str] = (),
+    rest: GainSet | None = None,
 ) -> Evaluate:
-    """Mean return of a law's gain sets over training seeds, the same for every one; all flown together if they can.
+    """Mean return of a law's gain sets over training seeds, the same for every one.
 
     Args:
         law: Its name.
         scenario: What is flown.
         seed: The search's own, from which those of the episodes follow.
         episodes: How many.
-        wrapping: What stands around the environments.
+        crew: Who flies.
+        wrapper: What stands around the environments.
         rest: What holds where points say nothing, as in `gains_of`.
     """
     first = training_seed(seed)
-    seeds = list(range(first, first + episodes))
+    seeds = range(first, first + episodes)
 
     def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
-        laws = [gains_of(law, point, rest=rest) for point in points]
-        if KINDS[law].together:
-            every = one_for_each([own for own in laws for _ in seeds])
-            flown = _flown(every, scenario, seeds * len(points), wrapping)
-        else:
-            each = [_flown(own.policy(law), scenario, seeds, wrapping) for own in laws]
-            flown = {key: np.concatenate([own[key] for own in each]) for key in each[0]}
-        means = {key: values.reshape(len(points), -1).mean(axis=1).tolist() for key, values in flown.items()}
-        return [
-            (means["return"][i], {key: values[i] for key, values in means.items() if key != "return"})
-            for i in range(len(points))
+        each = -(-len(points) // min(crew.jobs, len(points)))
+        tasks = [
+            Task(scored, (law, points[i : i + each], rest, scenario, tuple(wrapper)), seeds, f"flying {law}")
+            for i in range(0, len(points), each)
         ]
+        with closing(run_all(tasks, crew)) as done:
+            return [score for _, own in done for score in own]
 
     return evaluate
+
+
+def scored(
+    law: str,
+    points: Sequence[Mapping[str, float]],
+    rest: GainSet | None,
+    scenario: Scenario,
+    wrapper: Sequence[str],
+    seeds: Sequence[int],
+) -> list[tuple[float, dict[str, float]]]:
+    """Mean return of gain sets over seeds, and what else they came to; all fly together if they can."""
+    laws, around = [gains_of(law, point, rest=rest) for point in points], wrapping(wrapper)
+    if KINDS[law].together:
+        every = one_for_each([own for own in laws for _ in seeds])
+        flown = _flown(every, scenario, [*seeds] * len(points), around)
+    else:
+        each = [_flown(own.policy(law), scenario, seeds, around) for own in laws]
+        flown = {key: np.concatenate([own[key] for own in each]) for key in each[0]}
+    means = {key: values.reshape(len(points), -1).mean(axis=1).tolist() for key, values in flown.items()}
+    return [
+        (means["return"][i], {key: values[i] for key, values in means.items() if key != "return"})
+        for i in range(len(points))
+    ]
 
 
 def _flown(policy: Policy, scenario: Scenario, seeds: Sequence[int], wrapping: Wrapping) -> dict[str, Any]:
@@ -210,26 +237,26 @@ def validation(
     return {f"validation_{key}": float(np.mean(np.concatenate([each[key] for each in flown]))) for key in flown[0]}
 
 
-def learner_score(wish: Wish, folder: Path) -> Evaluate:
-    """Best validation return of a short training, whose run stays in the folder.
+def learner_score(wish: Wish, folder: Path, crew: Hands) -> Evaluate:
+    """Best validation return of short trainings, whose runs stay in the folder.
 
     Args:
         wish: What is trained; a point's values are assigned to its settings.
         folder: Holds a run per trial.
+        crew: Who trains.
     """
-    from uwoc_gym.agents.learning import training
+    from uwoc_gym.agents.learning.training import train_one
 
-    def one(point: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-        number = sum(1 for _ in folder.glob("trial-*"))
+    def job(number: int, point: Mapping[str, float]) -> Job:
         # The rate falls to 0 over the run, as in the settings files.
         values = [f"{key}={'lin_' if key == 'learning_rate' else ''}{value!r}" for key, value in point.items()]
-        job = Job(replace(wish, set=(*wish.set, *values)), folder / f"trial-{number:04d}")
-        try:
-            best = training.train(job.wish, job.folder, job.command).progress.best
-        except training.Interruption:
-            # The search ends as it does where it is interrupted itself.
-            raise KeyboardInterrupt from None
-        assert best is not None
-        return float(best["return"]["mean"]), {"trial": float(number)}
+        return Job(replace(wish, set=(*wish.set, *values)), folder / f"trial-{number:04d}")
 
-    return lambda points: [one(point) for point in points]
+    def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
+        first = sum(1 for _ in folder.glob("trial-*"))
+        tasks = [Task(train_one, (job(first + i, point),), name=f"trial {first + i}") for i, point in enumerate(points)]
+        with closing(run_all(tasks, crew)) as done:
+            best = [best for _, best in done]
+        return [(float(each["return"]["mean"]), {"trial": float(first + i)}) for i, each in enumerate(best)]
+
+    return evaluate

@@ -122,6 +122,14 @@ class Corrected:
         """Take other observations in place of the last, since some episodes have begun anew."""
         self._seen, self._begun = observations, self._begun | begun
 
+    def kept(self) -> tuple[Any, ...]:
+        """What it needs to go on: memory, last observations, and where an episode has begun with them."""
+        return self._memory, self._seen, self._begun
+
+    def put_back(self, memory: Any, seen: Any, begun: npt.NDArray[np.bool_]) -> None:
+        """Go on from what `kept` has told."""
+        self._memory, self._seen, self._begun = memory, seen, begun
+
     def act(self, action: Any) -> Actions:
         """What is applied, (N, 3), where the agent does ``action``.
 

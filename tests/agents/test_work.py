@@ -7,8 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.work import Task, cores, run_all
+
+
+@contextmanager
+def done_by(tasks: Iterable[Task], jobs: int) -> Iterator[Iterator[tuple[Task, Any]]]:
+    """Tasks and their results, by so many processes."""
+    with workers(jobs) as crew, closing(run_all(tasks, crew)) as done:
+        yield done
 
 
 def drawn(scale: float, seeds: Sequence[int]) -> list[float]:
@@ -68,24 +76,25 @@ def killed(seeds: Sequence[int]) -> None:
 def test_results_stand_in_the_order_of_the_tasks(jobs: int) -> None:
     # The first takes longest.
     tasks = [Task(who, (0.5,)), *(Task(drawn, (float(k),), range(k, k + 3)) for k in range(9))]
-    with closing(run_all(tasks, jobs)) as done:
+    with done_by(tasks, jobs) as done:
         found = list(done)
     assert [task for task, _ in found] == tasks
     assert [result for _, result in found[1:]] == [drawn(k, range(k, k + 3)) for k in range(9)]
 
 
 def test_so_many_processes_do_them_and_one_does_them_here() -> None:
-    with closing(run_all([Task(who, (0.3,))] * 6, 2)) as done:
+    with done_by([Task(who, (0.3,))] * 6, 2) as done:
         others = {result for _, result in done}
     assert len(others) == 2
     assert os.getpid() not in others
-    assert [result for _, result in run_all([Task(who, (0.0,))] * 2, 1)] == [os.getpid()] * 2
+    with done_by([Task(who, (0.0,))] * 2, 1) as done:
+        assert [result for _, result in done] == [os.getpid()] * 2
 
 
 def test_processes_have_one_thread_and_do_not_hear_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
-    with closing(run_all([Task(threads)] * 2, 2)) as done:
+    with done_by([Task(threads)] * 2, 2) as done:
         for _, found in done:
             assert found == {"numba": 1, "torch": 1, "omp": "1", "deaf": True}
     assert os.environ["OMP_NUM_THREADS"] == "7"
@@ -101,7 +110,7 @@ def test_tasks_are_taken_as_there_is_somebody_for_them() -> None:
             begun.append(number)
             yield Task(drawn, (1.0,), [number])
 
-    with closing(run_all(endless(), 2)) as done:
+    with done_by(endless(), 2) as done:
         assert [next(done)[1] for _ in range(3)] == [drawn(1.0, [number]) for number in range(3)]
     assert len(begun) < 30
 
@@ -109,7 +118,7 @@ def test_tasks_are_taken_as_there_is_somebody_for_them() -> None:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_what_a_task_raises_comes_in_its_place(jobs: int) -> None:
     tasks = [Task(drawn, (1.0,), [0]), Task(failing, (), [7]), Task(drawn, (1.0,), [1])]
-    with closing(run_all(tasks, jobs)) as done:
+    with done_by(tasks, jobs) as done:
         assert next(done)[1] == drawn(1.0, [0])
         with pytest.raises(CommandError, match=r"^seed 7 won't$"):
             next(done)
@@ -126,7 +135,7 @@ def test_what_a_task_raises_comes_in_its_place(jobs: int) -> None:
 def test_what_goes_wrong_in_another_process_is_said(function: Any, kind: type[Exception], message: str) -> None:
     with (
         pytest.raises(kind, match=message),
-        closing(run_all([Task(function, (), (), "flying it"), Task(who, (0.0,))], 2)) as done,
+        done_by([Task(function, (), (), "flying it"), Task(who, (0.0,))], 2) as done,
     ):
         list(done)
 
@@ -141,7 +150,7 @@ def test_an_interruption_gives_what_was_done(monkeypatch: pytest.MonkeyPatch) ->
     signal.alarm(12)
     begun = time.monotonic()
     try:
-        with closing(run_all(tasks, 2)) as done, pytest.raises(KeyboardInterrupt):
+        with done_by(tasks, 2) as done, pytest.raises(KeyboardInterrupt):
             given.extend(done)
     finally:
         signal.alarm(0)
@@ -154,9 +163,9 @@ def test_an_interruption_gives_what_was_done(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
 def test_processes_end_with_the_one_that_began_them() -> None:
     code = (
-        "import sys\nfrom uwoc_gym.agents.work import Task, run_all\nfrom tests.agents.test_work import who\n"
-        "if __name__ == '__main__':\n    for _, pid in run_all((Task(who, (0.2,)) for _ in range(10**6)), 2):\n"
-        "        print(pid, flush=True)\n"
+        "import sys\nfrom uwoc_gym.agents.work import Task\nfrom tests.agents.test_work import done_by, who\n"
+        "if __name__ == '__main__':\n    with done_by((Task(who, (0.2,)) for _ in range(10**6)), 2) as done:\n"
+        "        for _, pid in done:\n            print(pid, flush=True)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

@@ -235,8 +235,8 @@ class Fleet:
             lanes: Indices of n simulations, by default all.
 
         Raises:
-            ValueError: ``lanes`` isn't allowed, there are neither one nor n rows, or they are of another scenario or of
-                another version; nothing has changed.
+            ValueError: ``lanes`` isn't allowed, there are neither one nor n rows, or they are damaged, of another
+                scenario or of another version; nothing has changed.
         """
         which = self._which(lanes)
         numbers = self._numbers_of(rows, which.size)
@@ -260,6 +260,10 @@ class Fleet:
                 "rows are of another scenario; they must come from the snapshot() of a fleet with all of this one's "
                 "settings."
             )
+        # Compiled code takes these for places in its memory.
+        first, own = numbers[:, layout.SEGMENTS].T
+        if not ((first >= 0.0) & (own >= 0.0) & (first + own <= self._memory.segments)).all():
+            raise ValueError("rows are damaged: they have a ship on a path that this fleet doesn't know.")
         return numbers
 
     def _let_flow(self, water: Array) -> None:

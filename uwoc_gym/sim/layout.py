@@ -129,6 +129,8 @@ ORIGIN = ROW["origin.scenario"]
 """The row that says of which scenario a state is."""
 CURRENT = [ROW["current.x"], ROW["current.y"], ROW["drawn.current.speed_mps"], ROW["drawn.current.std_mps"]]
 """The rows that are 0 where no current flows."""
+SEGMENTS = [ROW["drawn.ship.first_segment"], ROW["drawn.ship.segments"]]
+"""The rows that say where a recorded path's segments stand among all, and how many they are."""
 DRAWN_SHIP = (ROW["drawn.ship.choice"], ROW["drawn.ship.choice"] + count(SPEC["drawn"]["ship"]))
 """First of the rows of the ship's path, and the one after the last."""
 
@@ -269,6 +271,8 @@ class Memory(NamedTuple):
     """The blocks, records of type `BLOCK`, shape (blocks,)."""
     rows: Array
     """All rows of the blocks with their pulses, shape (blocks, rows, LANES)."""
+    segments: int
+    """How many segments recorded paths have in all."""
 
 
 def view(array: Array) -> Memory:
@@ -283,6 +287,7 @@ def view(array: Array) -> Memory:
         world=world,
         blocks=blocks[:, :BLOCK_DOUBLES].view(BLOCK)[:, 0],
         rows=blocks.reshape(len(blocks), size // stride, stride)[:, :, : stride - 8],
+        segments=(first - int(sizes["segments"])) // paths.SEGMENT_DOUBLES,
     )
 
 

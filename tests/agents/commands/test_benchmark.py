@@ -233,14 +233,14 @@ def test_the_time_left_is_what_flights_of_the_same_policy_took() -> None:
     """The slow policy alone is slow, and what is flown at the same time takes no time of its own."""
     flights = [(policy, SHORT, range(50)) for _ in range(3) for policy in ("fast", "slow")]
     for jobs in (1, 4):
-        left = benchmark.TimeLeft(flights, jobs)
-        assert left.seconds() is None
-        assert left.words() == "flying"
+        left = benchmark.TimeLeft(flights)
+        assert left.seconds(jobs) is None
+        assert left.words(jobs) == "flying"
         left.done(flights[0], 2.0)
-        assert left.seconds() == pytest.approx(5 * 2.0 / jobs)
+        assert left.seconds(jobs) == pytest.approx(5 * 2.0 / jobs)
         left.done(flights[1], 20.0)
-        assert left.seconds() == pytest.approx((2 * 2.0 + 2 * 20.0) / jobs)
-        assert left.words() == f"about {44 // jobs} s left"
+        assert left.seconds(jobs) == pytest.approx((2 * 2.0 + 2 * 20.0) / jobs)
+        assert left.words(jobs) == f"about {44 // jobs} s left"
 
 
 def test_a_longer_episode_takes_longer_and_a_lone_one_little_less_than_a_batch() -> None:

@@ -14,9 +14,10 @@ from stable_baselines3 import PPO, TD3
 
 from uwoc_gym import Scenario
 from uwoc_gym.agents.cli import main
+from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.commands.protocol import usual_scenarios
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.learning import protocol
+from uwoc_gym.agents.learning import protocol, training
 from uwoc_gym.agents.learning.plans import Wish
 from uwoc_gym.agents.policies.registry import load, shipped
 from uwoc_gym.agents.reports import files, tables
@@ -113,14 +114,24 @@ def _kill(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+class _Bar:
+    """What shows nothing."""
+
+    def update(self, count=1):
+        pass
+
+    set_description = update
+
+
 def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
     wish = Wish(algorithm="ppo", envs=4, steps=128, set=("n_steps=16", "batch_size=32"), eval_episodes=2, seed=0)
     job = protocol.Job(wish, tmp_path / "ppo-0")
-    with monkeypatch.context() as patch:
-        patch.setattr(protocol, "train_and_tell", _kill)
-        with pytest.raises(CommandError, match="ppo-0: its process ended with status -9"):
-            protocol.train_all([job], 1)
-    protocol.train_all([job], 1)
+    with monkeypatch.context() as patch, workers(2) as crew:
+        patch.setattr(training, "train_one", _kill)
+        with pytest.raises(CommandError, match="training ppo-0: its process ended with status -9"):
+            protocol.train_all([job], crew, _Bar())
+    with workers(1) as crew:
+        protocol.train_all([job], crew, _Bar())
     assert json.loads((job.folder / "results.json").read_text())["finished"]
     with pytest.raises(CommandError, match="was begun with other settings"):
         protocol.check({"ppo": [protocol.Job(replace(wish, set=()), job.folder)]}, {})

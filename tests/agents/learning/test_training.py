@@ -20,7 +20,7 @@ from uwoc_gym import Scenario, TrackingVectorEnv, agents
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import fly
-from uwoc_gym.agents.learning import checkpoints, plans, seeds, settings, training
+from uwoc_gym.agents.learning import checkpoints, plans, seeds, settings, standing, training
 from uwoc_gym.agents.learning.plans import Wish
 from uwoc_gym.agents.policies.agent import Agent
 from uwoc_gym.agents.policies.algorithms import ALGORITHMS
@@ -245,7 +245,87 @@ def test_an_interrupted_run_goes_on_where_it_stood(
     assert "is finished" in capsys.readouterr().err
 
 
-def test_a_resumed_run_sees_new_episodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+class Killed(BaseException):
+    """What ends a run without a word."""
+
+
+LAYERS = ["--frame-stack", "2", "--set", "staggered=true", "--set", "normalize={norm_obs: false, norm_reward: true}"]
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "more"),
+    [
+        ("ppo", []),
+        ("ppo", [*LAYERS, "--set", "normalize=true"]),
+        ("ppo", ["--residual", "ekf-nlpd", "--scale", "0.3", "--set", "filtered=true"]),
+        ("ppo", ["--set", "teacher=nlpd", "--set", "teacher_steps=48", "--set", "critic_steps=64", *LAYERS]),
+        ("recurrent_ppo", ["--set", "normalize=true"]),
+        ("sac", ["--set", "train_freq=1"]),
+        (
+            "td3",
+            [
+                "--set",
+                "frame_stack=1",
+                "--set",
+                "normalize=true",
+                "--set",
+                "noise_type=normal",
+                "--set",
+                "noise_std=0.1",
+            ],
+        ),
+    ],
+    ids=["ppo", "layers", "corrected", "taught", "recurrent", "sac", "td3"],
+)
+@pytest.mark.parametrize("killed", [True, False], ids=["killed", "interrupted"])
+def test_a_run_that_was_stopped_ends_as_one_that_was_not(
+    algorithm: str, more: list[str], killed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def words(out: Path) -> list[str]:
+        often = ["--eval-every", "128", "--checkpoint-every", "64", "--seed", "3"]
+        return _command(algorithm, out, *often, *more, steps=384)
+
+    assert main(words(tmp_path / "whole")) == 0
+    out = tmp_path / "stopped"
+    real, steps = training.Run.checkpoint, []
+
+    def checkpoint(self: training.Run) -> None:
+        real(self)
+        steps.append(self.progress.steps)
+        if killed and (len(steps) in (3, 16) or self.progress.steps == 192):
+            raise Killed
+
+    with monkeypatch.context() as patch:
+        if killed:
+            patch.setattr(training.Run, "checkpoint", checkpoint)
+            again = words(out)
+            while True:
+                try:
+                    assert main(again) == 0
+                    break
+                except Killed:
+                    again = ["train", "--resume", "--out", str(out)]
+        else:
+            _interrupt_at(patch, 2)
+            assert main(words(out)) == 130
+            assert main(["train", "--resume", "--out", str(out)]) == 0
+    assert not killed or len(steps) > 4
+    ends = []
+    for folder in (tmp_path / "whole", out):
+        last = checkpoints.newest(folder)
+        assert last is not None
+        progress = json.loads((last / "progress.json").read_text())
+        ends.append((progress["evaluations"], progress["counters"], progress["seeds_used"]))
+    assert ends[0] == ends[1]
+    kind = ALGORITHMS[algorithm].load()
+    models = [kind.load(folder / "last.zip", device="cpu") for folder in (tmp_path / "whole", out)]
+    weights = [model.policy.state_dict() for model in models]
+    assert all(torch.equal(value, weights[1][name]) for name, value in weights[0].items())
+
+
+def test_a_run_that_cannot_say_where_it_stood_goes_on_with_new_episodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "run"
     used: list[list[int | None]] = []
     real = TrackingVectorEnv.reset
@@ -256,6 +336,7 @@ def test_a_resumed_run_sees_new_episodes(tmp_path: Path, monkeypatch: pytest.Mon
         return real(self, **options)
 
     monkeypatch.setattr(TrackingVectorEnv, "reset", reset)
+    monkeypatch.setattr(standing, "taken", lambda model: None)
     with monkeypatch.context() as patch:
         _interrupt_at(patch, 2, signal.SIGTERM)
         assert main(_command("ppo", out, "--seed", "3")) == 128 + signal.SIGTERM

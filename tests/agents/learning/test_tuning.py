@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from uwoc_gym import Scenario
+from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.flight import fly
 from uwoc_gym.agents.learning import tuning
@@ -22,7 +23,8 @@ SHORT = Scenario.named("Random").merged({"episode": {"duration_s": 4.0}})
 def test_score_is_the_mean_return_on_training_seeds():
     box = tuning.box_of("nlpd", SHORT)
     points = [tuning.point_of(gains(name), box) for name in ("pd", "nlpd-tuned")]
-    scored = tuning.controller_score("nlpd", SHORT, 0, 6)(points)
+    with workers(1) as crew:
+        scored = tuning.controller_score("nlpd", SHORT, 0, 6, crew)(points)
     first = training_seed(0)
     for name, (score, outcome) in zip(("pd", "nlpd-tuned"), scored, strict=True):
         flown = fly(POLICIES[name], SHORT, range(first, first + 6)).metrics
@@ -34,7 +36,8 @@ def test_a_law_that_flies_alone_is_scored_alike():
     scenario = SHORT.merged({"episode": {"duration_s": 1.0}})
     rest = PlannerSettings(candidates=8.0, rounds=1.0)
     points = [{"horizon_s": 1.0}, {"horizon_s": 0.5}]
-    scored = tuning.controller_score("mppi", scenario, 0, 2, rest=rest)(points)
+    with workers(1) as crew:
+        scored = tuning.controller_score("mppi", scenario, 0, 2, crew, rest=rest)(points)
     first = training_seed(0)
     for point, (score, _) in zip(points, scored, strict=True):
         policy = Tuned("mppi", rest.merged(point)).policy("one")

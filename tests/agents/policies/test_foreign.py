@@ -187,7 +187,8 @@ def test_nothing_else_reads_pickles() -> None:
     root = Path(agents.__file__).parent
     words = ("import pickle", "pickle.load", "cloudpickle", "VecNormalize.load", "allow_pickle=True", ".load().load(")
     found = {path.name for path in root.rglob("*.py") if any(word in path.read_text("utf-8") for word in words)}
-    assert found == {"foreign.py"}
+    # What a cluster sends itself, as processes of one machine do.
+    assert found == {"foreign.py", "cluster.py"}
     loads = [
         line for path in root.rglob("*.py") for line in path.read_text("utf-8").splitlines() if "torch.load(" in line
     ]
