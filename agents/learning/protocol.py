@@ -38,14 +38,14 @@ class Group:
 
 
 GROUPS: dict[str, Group] = {
-    "ppo": Group(Wish(algorithm="ppo", eval_every=500_000, eval_episodes=64), 10, "PPO on the last four observations"),
+    "ppo": Group(Wish(algorithm="ppo", eval_every=250_000, eval_episodes=64), 10, "PPO on the last four observations"),
     "ppo-residual": Group(
         Wish(
             algorithm="ppo",
             residual="nlpd-tuned",
             scale=0.6,
-            steps=3_000_000,
-            set=("policy_kwargs.log_std_init=-1.0", "learning_rate=lin_7e-4"),
+            steps=4_000_000,
+            set=("policy_kwargs.log_std_init=-1.0",),
             eval_every=500_000,
             eval_episodes=64,
         ),

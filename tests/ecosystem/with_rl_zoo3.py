@@ -24,7 +24,8 @@ def zoo(command: str, *options: str) -> str:
 
 def short(algorithm: str) -> str:
     """This package's settings of an algorithm, with fewer environments and steps; returns the file's name."""
-    settings = yaml.safe_load((ROOT / f"agents/settings/{algorithm}.yaml").read_text(encoding="utf-8"))
+    lines = (ROOT / f"agents/settings/{algorithm}.yaml").read_text(encoding="utf-8").splitlines()
+    settings = yaml.safe_load("\n".join(line for line in lines if "staggered" not in line))
     own = settings[ID] | {"n_envs": 2, "n_timesteps": 300}
     own |= {"n_steps": 64, "batch_size": 64} if "n_steps" in own else {"learning_starts": 100}
     Path(f"{algorithm}.yaml").write_text(yaml.safe_dump({ID: own}), encoding="utf-8")
