@@ -21,9 +21,9 @@ from uwoc_gym.baselines.beliefs import Beliefs
 NAMES = ("ppo", "ppo-residual", "td3", "ppo-underactuated", "ppo-tide", "ppo-latefix")
 
 SHA256 = {
-    "ppo": "948e123f1253970a394b6a04c943c80670c8343b4ad3a6cde80e0933459c58b0",
-    "ppo-residual": "192dc1fd67f8fab4f683a25ab601b2e67f0de6c6b04f11e86fd47459181ccc5f",
-    "td3": "1e706d013f153306d3c63d655b19b5b01a0574a84a358411573e7c92fa441ff2",
+    "ppo": "f49e7b0f3681022b86cf7b27c696723c8a7ecebc7dc7dc402223abb12002efb0",
+    "ppo-residual": "5027b23d6be32d8e187201294ed3563032aa0f5d851e6b06b7c2eb5cd190ee21",
+    "td3": "2d3103e637a4e23d7ac74bcf21eb776bf8f649ff2255c448418eab13df10962d",
     "ppo-underactuated": "c98dab4104e23f7371301c78055b184f75b69d556303e2b4572c15074d65b1a0",
     "ppo-tide": "807f32f3bbcc93409a2ce780aad4770d2740032487f0ce68318960b8c90e7a65",
     "ppo-latefix": "7f8e1dc0931179b9cc62cbee9fc34e1622cd8f526d0fbbf6a669cf0d24019f6e",
