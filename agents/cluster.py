@@ -88,7 +88,7 @@ class Cluster:
             )
         except (ConnectionError, TimeoutError, RuntimeError, ValueError) as error:
             raise CommandError(f"--on {on}: no Ray cluster answers there: {_line(error)}") from None
-        self._do = ray.remote(_outpost())
+        self._do = ray.remote(outpost())
 
     @property
     def jobs(self) -> int:
@@ -153,7 +153,7 @@ def same() -> dict[str, str]:
     return {**files.versions(), "code of uwoc-gym": digest.hexdigest()[:16]}
 
 
-def _outpost() -> Callable[[bytes, Mapping[str, str]], tuple[bool, Any]]:
+def outpost() -> Callable[[bytes, Mapping[str, str]], tuple[bool, Any]]:
     """What Ray calls on a node. Made here so that it goes there by value: the node may lack this package."""
 
     def do(task: bytes, wanted: Mapping[str, str]) -> tuple[bool, Any]:

@@ -453,7 +453,7 @@ def test_a_folder_of_another_run_is_refused(tmp_path: Path, capsys: pytest.Captu
         (["--resume", "--env", "uwoc/Nominal-v0"], ["env = 'uwoc/Random-v0', not 'uwoc/Nominal-v0'"]),
         (["--resume", "--algorithm", "sac"], ["algorithm = 'ppo', not 'sac'"]),
         (["--resume", "--seed", "1"], ["seed = 0, not 1"]),
-        (["--resume", "--set", "gamma=0.5"], ["gamma = 0.98, not 0.5"]),
+        (["--resume", "--set", "gamma=0.5"], ["gamma = 0.96, not 0.5"]),
         (["--resume", "--override", "{}"], ["another scenario"]),
     ):
         capsys.readouterr()
