@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import logging
 import os
 import pickle
 import platform
@@ -83,7 +84,7 @@ class Cluster:
                 **(here if on == "ray" else {"address": on}),
                 namespace="uwoc-gym",
                 log_to_driver=False,
-                logging_level="ERROR",
+                logging_level=logging.ERROR,
                 runtime_env={"env_vars": dict.fromkeys(work.THREADS, "1")},
             )
         except (ConnectionError, TimeoutError, RuntimeError, ValueError) as error:

@@ -115,8 +115,9 @@ class Answer(NamedTuple):
 class Hands(Protocol):
     """Those who do tasks."""
 
-    jobs: int
-    """How many at a time."""
+    @property
+    def jobs(self) -> int:
+        """How many at a time."""
 
     def begin(self, number: int, task: Task) -> None:
         """Let somebody who has nothing to do begin a task.
