@@ -73,7 +73,8 @@ def run_all(tasks: Iterable[Task], hands: Hands) -> Generator[tuple[Task, Any], 
     try:
         while True:
             interrupts.check()
-            idle = min(hands.jobs - (len(waiting) - len(answers)), _AHEAD * hands.jobs - len(waiting))
+            jobs = hands.jobs
+            idle = min(jobs - (len(waiting) - len(answers)), _AHEAD * jobs - len(waiting))
             for number, task in islice(numbered, max(idle, 0)):
                 waiting[number] = task
                 hands.begin(number, task)

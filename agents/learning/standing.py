@@ -68,7 +68,7 @@ def put(model: Any, stood: Mapping[str, Any], path: Path) -> None:
         if stood["lstm"] is not None:
             kind = type(vars(model)[_LSTM])
             vars(model)[_LSTM] = kind(*(tuple(map(torch.as_tensor, pair)) for pair in stood["lstm"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise checkpoints.damaged(path, error) from None
 
 

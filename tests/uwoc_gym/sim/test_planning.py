@@ -318,3 +318,20 @@ def test_rollouts_refuse_what_they_cannot_fly(fly):
             fleet.rollout(rows, actions)
     with pytest.raises(ValueError, match=r"rows have shape \(2,\); it must be \(1,\) or \(5,\)"):
         fleet.rollout(rows, np.zeros((5, 4, 3)))
+
+
+@pytest.mark.parametrize(("field", "value"), [("segments", 4.0), ("first_segment", -1.0), ("segments", np.nan)])
+def test_rows_that_lead_out_of_the_memory_are_refused(field, value):
+    """A recorded path of four points has three segments, and compiled code reads where a row says."""
+    times = [0.0, 50.0, 100.0, 150.0]
+    path = {"kind": "recorded", "time_s": times, "x_m": times, "y_m": [0.0] * 4}
+    fleet = Fleet(Scenario.named("Nominal").merged({"ship": path}), 2)
+    fleet.seed(np.arange(2), [0, 1])
+    fleet.reset(np.empty((2, fleet.scenario.observation.size), dtype=np.float32))
+    rows = fleet.snapshot()
+    fleet.restore(rows)
+    damaged = rows.copy()
+    damaged["drawn"]["ship"][field][1] = value
+    with pytest.raises(ValueError, match=r"^rows are damaged: they have a ship on a path that this fleet doesn't know"):
+        fleet.restore(damaged)
+    np.testing.assert_array_equal(fleet.snapshot(), rows)
