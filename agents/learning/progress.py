@@ -23,7 +23,7 @@ class Progress:
     learning_seconds: float = 0.0
     """The same without evaluations and checkpoints, but with what it took to copy a teacher [s]."""
     seeds_used: int = 0
-    """Training seeds in use, counted over the times the run was resumed."""
+    """Training seeds in use, those of lessons and of the times it went on with new episodes among them."""
     evaluations: list[dict[str, Any]] = field(default_factory=list)
     best_steps: int | None = None
     lessons: int = 0

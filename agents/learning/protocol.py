@@ -96,9 +96,8 @@ def train_all(jobs: Sequence[Job], crew: Hands, bar: Any) -> None:
 
     missing = [job for job in jobs if not finished(job.folder)]
     bar.update(len(jobs) - len(missing))
-    with closing(
-        run_all((Task(train_one, (job,), name=f"training {job.folder.name}") for job in missing), crew)
-    ) as done:
+    tasks = [Task(train_one, (job,), name=f"training {job.folder.name}") for job in missing]
+    with naming("a training failed; the others stand in their folders"), closing(run_all(tasks, crew)) as done:
         for task, _ in done:
             bar.set_description(task.name)
             bar.update()
