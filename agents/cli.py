@@ -7,11 +7,13 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
 from typing import NoReturn
 
 from uwoc_gym import __version__
-from uwoc_gym.agents import interrupts
-from uwoc_gym.agents.errors import CommandError
+from uwoc_gym.agents import interrupts, places
+from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.reports import files
 from uwoc_gym.parameters import SettingError
 
@@ -38,6 +40,9 @@ COMMANDS = {
 
 
 PROGRAM = "uwoc-gym"
+
+_FOLDERS = ("out", "ship")
+"""Options that say a folder to be filled, which may be elsewhere."""
 
 LONGEST = 4000
 """Characters of an error that are shown."""
@@ -91,7 +96,13 @@ def _run(argv: Sequence[str] | None) -> int:
         args = _parser().parse_args(argv)
         command = f"uwoc-gym {args.command}"
         args.command_line = files.command_line(argv)
-        return int(COMMANDS[args.command].run(args))
+        with ExitStack() as folders:
+            for option in _FOLDERS:
+                given = getattr(args, option, None)
+                if isinstance(given, str) and places.elsewhere(given) and not Path(given).suffix:
+                    with naming(f"--{option}"):
+                        setattr(args, option, str(folders.enter_context(places.held(given))))
+            return int(COMMANDS[args.command].run(args))
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
     except _UsageError as error:

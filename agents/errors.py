@@ -10,6 +10,7 @@ from uwoc_gym.given import SettingError
 
 EXTRAS = {
     "cmaes": "tune",
+    "fsspec": "ray",
     "h5py": "data",
     "imageio_ffmpeg": "render",
     "matplotlib": "benchmark",

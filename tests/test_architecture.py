@@ -25,6 +25,7 @@ FLOORS = (
     ("uwoc_gym.sb3", "uwoc_gym"),
     ("uwoc_gym.baselines",),
     ("uwoc_gym.agents.errors", "uwoc_gym.agents.interrupts", "uwoc_gym.agents.modules"),
+    ("uwoc_gym.agents.places",),
     ("uwoc_gym.agents.scenarios", "uwoc_gym.agents.work", "uwoc_gym.agents.wrapping"),
     ("uwoc_gym.agents.policies",),
     ("uwoc_gym.agents.flight",),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwoc_gym.agents import interrupts
+from uwoc_gym.agents import interrupts, places
 from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.errors import CommandError, require
 from uwoc_gym.agents.flight import Series, batches, check_flights, decision_time, flown, flown_seeds, fly, possible
@@ -286,6 +286,7 @@ def _fly_all(
                 with interrupts.noted() as asked:
                     if episodes is not None:
                         episodes.append(name, policy, task.seeds, result.rows, result.drawn)
+                        places.keep(episodes.path.parent, places.OFTEN_S)
                     rows.extend(result.rows)
                 if asked:
                     raise KeyboardInterrupt

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.cluster import workers
-from uwoc_gym.agents.errors import CommandError, require
+from uwoc_gym.agents.errors import CommandError, naming, require
 from uwoc_gym.agents.flight import check_flights, decision_time, possible
 from uwoc_gym.agents.learning import protocol
 from uwoc_gym.agents.learning.protocol import GROUPS, USUAL
@@ -117,19 +118,23 @@ def run(args: argparse.Namespace) -> int:
     around = wrapping_of(args)
     rivals = list(dict.fromkeys([*args.rivals, tables.REFERENCE]))
     check_flights([CONTROLLERS[name] for name in rivals], scenarios, min(args.seeds, BATCH), around)
-    folder, runs = files.output_folder(args.out), files.output_folder(args.runs, "--runs")
+    folder = files.output_folder(args.out)
+    if places.elsewhere(args.runs):
+        with naming("--runs"):
+            places.check(args.runs)
+    else:
+        files.output_folder(args.runs, "--runs")
     if args.ship:
         files.output_folder(args.ship, "--ship")
     begun = time.perf_counter()
     counts = {name: GROUPS[name].seeds if args.training_seeds is None else args.training_seeds for name in args.groups}
     wanted = {name: count for name, count in counts.items() if count}
-    members = protocol.jobs_of(wanted, runs, args.steps, args.wrapper)
+    members = protocol.jobs_of(wanted, args.runs, args.steps, args.wrapper)
     protocol.check(members, scenarios)
     # By seed, so that a protocol that is stopped has as much of every group.
     jobs = sorted((job for own in members.values() for job in own), key=lambda job: job.wish.seed or 0)
     folders = {group: [job.folder for job in own] for group, own in members.items()}
-    policies = {name: [name] for name in rivals}
-    policies |= {group: [str(path) for path in own] for group, own in folders.items()}
+    policies = {name: [name] for name in rivals} | folders
     flights = len(scenarios) * sum(map(len, policies.values()))
     with (
         workers(args.jobs, args.on) as crew,
@@ -138,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
         protocol.train_all(jobs, crew, bar)
         if args.ship:
             for group, own in folders.items():
-                protocol.ship(own, Path(args.ship) / group, GROUPS[group].description)
+                protocol.ship([places.local(path) for path in own], Path(args.ship) / group, GROUPS[group].description)
         scores = protocol.fly_all(scenarios, policies, HELD_OUT[: args.seeds], crew, bar, args.wrapper)
     first = next(iter(scenarios.values()))
     results: dict[str, Any] = {
@@ -147,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
         "groups": {
             group: {
                 "arguments": GROUPS[group].wish.words(),
-                "trainings": [protocol.read_results(path / files.RESULTS) for path in own],
+                "trainings": [protocol.read_results(places.local(path) / files.RESULTS) for path in own],
             }
             for group, own in folders.items()
         },

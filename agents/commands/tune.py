@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from uwoc_gym.agents import interrupts
+from uwoc_gym.agents import interrupts, places
 from uwoc_gym.agents.cluster import workers
 from uwoc_gym.agents.errors import CommandError, naming, require
 from uwoc_gym.agents.flight import check_flights
@@ -207,7 +207,8 @@ def _settings(args: argparse.Namespace) -> Found:
             sampler="tpe",
             resume=args.resume,
         )
-    best = folder / f"trial-{int(found.best.outcome['trial']):04d}"
+    # Whoever trained has put it back where it belongs.
+    best = places.local(places.address(folder / f"trial-{int(found.best.outcome['trial']):04d}"))
     files.copy(best / "settings.yaml", folder / "settings.yaml")
     files.write_results(folder, args.command_line, {plan.name: plan.task}, _document(problem, box, found))
     _show(args.target, plan.name, found, {})

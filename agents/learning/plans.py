@@ -87,12 +87,18 @@ class Job:
     """A training and where it keeps everything."""
 
     wish: Wish
-    folder: Path
+    folder: str
+    """Its path, or its address, which is the same wherever it is trained."""
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+        return Path(self.folder).name
 
     @property
     def command(self) -> str:
         """The command that would do the same."""
-        return shlex.join(["uwoc-gym", "train", *self.wish.words(), "--out", str(self.folder)])
+        return shlex.join(["uwoc-gym", "train", *self.wish.words(), "--out", self.folder])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, flown
 from uwoc_gym.agents.learning import checkpoints
@@ -94,9 +95,9 @@ def train_all(jobs: Sequence[Job], crew: Hands, bar: Any) -> None:
     """
     from uwoc_gym.agents.learning.training import finished, train_one
 
-    missing = [job for job in jobs if not finished(job.folder)]
+    missing = [job for job in jobs if not finished(places.local(job.folder))]
     bar.update(len(jobs) - len(missing))
-    tasks = [Task(train_one, (job,), name=f"training {job.folder.name}") for job in missing]
+    tasks = [Task(train_one, (job,), name=f"training {job.name}") for job in missing]
     with naming("a training failed; the others stand in their folders"), closing(run_all(tasks, crew)) as done:
         for task, _ in done:
             bar.set_description(task.name)
@@ -126,7 +127,7 @@ def check(groups: Mapping[str, Sequence[Job]], scenarios: Mapping[str, Scenario]
 
 def _check_same(job: Job, plan: Plan) -> None:
     """Refuse a run that was begun with other settings than it would be now."""
-    path = job.folder / "run.json"
+    path = places.local(job.folder) / "run.json"
     if not path.is_file():
         return
     recorded = recorded_plan(path)
@@ -139,13 +140,13 @@ def _check_same(job: Job, plan: Plan) -> None:
 
 
 def jobs_of(
-    groups: Mapping[str, int], runs: Path, steps: int | None, wrapper: Sequence[str] = ()
+    groups: Mapping[str, int], runs: str, steps: int | None, wrapper: Sequence[str] = ()
 ) -> dict[str, list[Job]]:
     """The trainings of each group.
 
     Args:
         groups: Number of trainings by a name in `GROUPS`.
-        runs: Folder of all runs.
+        runs: Path or address of the folder of all runs.
         steps: Steps of each training, in place of what its group says.
         wrapper: What goes around the environments.
     """
@@ -155,7 +156,7 @@ def jobs_of(
         return replace(own, seed=seed, steps=steps or own.steps, wrapper=tuple(wrapper))
 
     return {
-        name: [Job(wish(name, seed), runs / f"{name}-{seed}") for seed in range(count)]
+        name: [Job(wish(name, seed), places.inside(runs, f"{name}-{seed}")) for seed in range(count)]
         for name, count in groups.items()
     }
 

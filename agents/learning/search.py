@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.reports.files import write_text
 
@@ -122,6 +123,7 @@ def search(
                         disk = _open(folder, described, direction, resume)
                     disk.add_trials(study.trials[-len(asked) :])
                     _write_trials(folder / TRIALS, study.trials)
+                places.keep(folder, places.OFTEN_S)
                 bar.update(len(asked))
                 bar.set_postfix_str(f"best {study.best_value:.4g}")
         except KeyboardInterrupt:

@@ -16,7 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
-from uwoc_gym.agents import interrupts
+from uwoc_gym.agents import interrupts, places
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning import checkpoints, environments, standing
@@ -50,6 +50,9 @@ _LAST, _BEST = "last.zip", "best.zip"
 _BUFFER, _LESSONS, _STANDING = "replay.npz", "lessons.npz", "standing.npz"
 """What a checkpoint holds besides, where there is any."""
 
+_PATIENCE_S = 60.0
+"""How long the process that trained for a command that was killed, perhaps on another node, may take to end [s]."""
+
 _COUNTERS = ("_n_updates", "_episode_num")
 """What a model counts besides its steps, by Stable-Baselines3's names."""
 
@@ -75,6 +78,7 @@ def train(
     threads: int = 1,
     bar: bool = True,
     tell: Callable[[str], None] | None = None,
+    patience_s: float = 0.0,
 ) -> Run:
     """Train to the end, or go on with what was stopped.
 
@@ -86,6 +90,7 @@ def train(
         threads: Threads of PyTorch.
         bar: Whether to show progress.
         tell: Is told what will be done, a line at a time, before it is begun.
+        patience_s: How long to wait for another process that is at work in the folder [s].
 
     Returns:
         The run, finished.
@@ -112,7 +117,7 @@ def train(
     if recorded is not None:
         check_same(plan, recorded, folder)
     files.output_folder(folder)
-    with files.locked(folder):
+    with files.locked(folder, patience_s):
         if recorded is None and begun(folder):
             # By a process that has come and gone in the meantime.
             raise _taken(folder)
@@ -138,8 +143,9 @@ def train_one(job: Job, seeds: Sequence[int]) -> dict[str, Any]:
         KeyboardInterrupt: It was asked to stop, and has written a checkpoint.
     """
     try:
-        with naming(job.folder.name):
-            best = train(job.wish, job.folder, job.command, resume=begun(job.folder), bar=False).progress.best
+        with naming(job.name), places.held(job.folder) as folder:
+            made = train(job.wish, folder, job.command, resume=begun(folder), bar=False, patience_s=_PATIENCE_S)
+            best = made.progress.best
     except Interruption:
         raise KeyboardInterrupt from None
     assert best is not None
@@ -440,6 +446,7 @@ class Run:
         written = checkpoints.write(self.folder, self._fill)
         files.copy(written / _LAST, self.folder / _LAST)
         self.write_results()
+        places.keep(self.folder)
 
     def tell(self) -> None:
         """Write again what tells of a run that has come to its end.

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import CommandError, naming
 from uwoc_gym.agents.flight import batches, fly
 from uwoc_gym.agents.learning.plans import Job, Wish
@@ -250,10 +251,10 @@ def learner_score(wish: Wish, folder: Path, crew: Hands) -> Evaluate:
     def job(number: int, point: Mapping[str, float]) -> Job:
         # The rate falls to 0 over the run, as in the settings files.
         values = [f"{key}={'lin_' if key == 'learning_rate' else ''}{value!r}" for key, value in point.items()]
-        return Job(replace(wish, set=(*wish.set, *values)), folder / f"trial-{number:04d}")
+        return Job(replace(wish, set=(*wish.set, *values)), places.address(folder / f"trial-{number:04d}"))
 
     def evaluate(points: list[dict[str, float]]) -> list[tuple[float, dict[str, float]]]:
-        first = sum(1 for _ in folder.glob("trial-*"))
+        first = len(places.names(places.address(folder), "trial-"))
         tasks = [Task(train_one, (job(first + i, point),), name=f"trial {first + i}") for i, point in enumerate(points)]
         with closing(run_all(tasks, crew)) as done:
             best = [best for _, best in done]

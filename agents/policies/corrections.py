@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.policies import archive, saved
 from uwoc_gym.agents.policies.registry import (
@@ -74,8 +74,8 @@ def _named(name: str, trust: bool) -> Correction:
     known = FORMER_NAMES.get(name, name)
     if known in GAINS:
         return _of_gains(known, Tuned.of(GAINS[known]))
-    path = Path(name)
     if name not in POLICIES:
+        path = places.local(name)
         gains = gains_path(path)
         if gains is not None:
             return _of_gains(name, gains_of_file(gains))

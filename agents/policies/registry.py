@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.agents.modules import named_object
 from uwoc_gym.agents.policies import archive, saved
@@ -19,8 +21,8 @@ from uwoc_gym.given import SettingError, closest, shown
 from uwoc_gym.scenario import Scenario
 
 MAY_BE = (
-    "a name that uwoc-gym list shows, the folder of a training run or of a search for gains, a saved .zip file, "
-    "a .json file of gains, or module:callable"
+    "a name that uwoc-gym list shows, the folder of a training run or of a search for gains (or its address, such as "
+    "s3://bucket/runs/ppo), a saved .zip file, a .json file of gains, or module:callable"
 )
 """All that a policy may be given as, in words."""
 
@@ -36,10 +38,10 @@ def load(name: str, trust: bool = False) -> Policy:
 
     Args:
         name: A name in `POLICIES`, the folder of a training run (its best model flies) or of a search for gains, the
-            path of a zip file saved by Stable-Baselines3 or sb3-contrib, the path of a .json file of gains, or
-            "module:callable", which is called with what is known of the scenario (`Scenario.known`) and returns an
-            object with Stable-Baselines3's ``predict``. What the file of an agent says is rebuilt: frozen
-            normalisation, stacked frames, a policy that is corrected.
+            path of a zip file saved by Stable-Baselines3 or sb3-contrib, the path of a .json file of gains, in place of
+            a path an address that fsspec knows, or "module:callable", which is called with what is known of the
+            scenario (`Scenario.known`) and returns an object with Stable-Baselines3's ``predict``. What the file of an
+            agent says is rebuilt: frozen normalisation, stacked frames, a policy that is corrected.
         trust: Whether to load files that hold pickled objects or name code too, and so to run whatever is in them:
             those that Stable-Baselines3 alone has saved, agents of version 0.1, and agents that correct a
             "module:callable". All other agents of this package need none of that; "module:callable" itself is code, and
@@ -50,15 +52,16 @@ def load(name: str, trust: bool = False) -> Policy:
     """
     if name in POLICIES:
         return POLICIES[name]
-    path = Path(name)
+    path = places.local(name)
     gains = gains_path(path)
     if gains is not None:
         return gains_of_file(gains).policy(name)
-    if path.suffix == ".zip" or os.path.exists(name):
+    if path.suffix == ".zip" or os.path.exists(path):
         if not saved.model_of(path).is_file():
             lack = f"the folder has no {saved.MODEL}" if path.is_dir() else "there is no such file"
             raise CommandError(f"policy {shown(name)}: {lack}. A policy may be {MAY_BE}.")
-        return saved.load(path, by_name, trust)
+        found = saved.load(path, by_name, trust)
+        return replace(found, name=name) if places.elsewhere(name) else found
     return by_name(name)
 
 

@@ -14,12 +14,14 @@ import shlex
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import CommandError
 from uwoc_gym.given import SettingError, from_json, read_text
 from uwoc_gym.scenario import Scenario
@@ -32,6 +34,8 @@ def output_file(given: str, suffixes: tuple[str, ...], force: bool) -> Path:
         CommandError: It has another suffix, exists without ``force``, or can't be written to.
     """
     path = Path(given)
+    if places.elsewhere(given):
+        raise CommandError(f"--out {given} is not allowed; it must be a file of this machine.")
     if path.suffix.lower() not in suffixes:
         raise CommandError(f"--out {given}: the file's name must end in {' or '.join(suffixes)}.")
     if path.is_dir():
@@ -133,10 +137,17 @@ def named(path: Path, part: Path | None = None) -> Iterator[None]:
 _LOCK = ".lock"
 """What a process that is at work in a folder holds there."""
 
+_LOOK_S = 0.2
+"""Time between two looks at whether it has come to its end [s]."""
+
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
     """Be the only process at work in a folder; one that has died isn't.
+
+    Args:
+        folder: The folder.
+        patience_s: How long to wait for another process that is at work in it [s].
 
     Raises:
         CommandError: Another process is at work in it.
@@ -145,12 +156,19 @@ def locked(folder: Path) -> Iterator[None]:
         lock = folder / _LOCK
         handle = os.open(lock, os.O_RDWR | os.O_CREAT)
         try:
-            try:
-                _lock(handle)
-            except (BlockingIOError, PermissionError):
-                raise CommandError(
-                    f"--out {folder}: another process is at work in this folder; wait for its end, or give another one."
-                ) from None
+            until = time.monotonic() + patience_s
+            while True:
+                try:
+                    _lock(handle)
+                    break
+                except (BlockingIOError, PermissionError):
+                    if time.monotonic() < until:
+                        time.sleep(_LOOK_S)
+                        continue
+                    raise CommandError(
+                        f"--out {folder}: another process is at work in this folder; wait for its end, or give another "
+                        "one."
+                    ) from None
             try:
                 yield
             finally:
@@ -343,7 +361,7 @@ class EpisodesFile:
     """
 
     def __init__(self, path: Path, drawn: Sequence[str] = ()) -> None:
-        self._path = path
+        self.path = path
         self._drawn = drawn
         self._file: TextIO | None = None
         self._writer: Any = None
@@ -355,7 +373,7 @@ class EpisodesFile:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._file is not None:
-            with named(self._path):
+            with named(self.path):
                 self._file.close()
 
     def append(
@@ -369,10 +387,10 @@ class EpisodesFile:
         """Add finished episodes: their measures, and what each has drawn, which leaves a cell empty where it hasn't."""
         if not rows:
             return
-        with named(self._path):
+        with named(self.path):
             if self._file is None:
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = self._path.open("w", newline="", encoding="utf-8")
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = self.path.open("w", newline="", encoding="utf-8")
                 self._writer = csv.writer(self._file)
                 columns = (f"{_DRAWN}{path}" for path in self._drawn)
                 self._writer.writerow([*_NAMES, *rows[0], *columns])

@@ -8,6 +8,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -211,6 +212,11 @@ def test_two_processes_in_one_folder_are_refused(tmp_path: Path, capsys: pytest.
             assert len(error.splitlines()) == 1
             assert "another process is at work in this folder" in error
         assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before
+        # A task waits: what was killed on another node may not know yet.
+        ending = threading.Timer(0.5, holders[0].kill)
+        ending.start()
+        with files.locked(out, patience_s=30.0):
+            assert holders[0].wait() != 0
     finally:
         for holder in holders:
             holder.kill()

@@ -7,10 +7,14 @@ this module imports neither the tests nor their tools.
 from __future__ import annotations
 
 import json
+import re
+import runpy
 import sys
 import traceback
 import warnings
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 Check = Callable[[], str | None]
 
@@ -25,6 +29,26 @@ def check(function: Check) -> Check:
     """Put a function among the checks; its docstring says what it runs, what it returns is a remark on the result."""
     CHECKS.append(function)
     return function
+
+
+def block(page: str, marker: str, changes: dict[str, str]) -> dict[str, Any]:
+    """Run the block of Python on a page in docs/ that a text stands in.
+
+    Args:
+        page: The page's name.
+        marker: The text.
+        changes: What is replaced in it first, each of which stands there once.
+
+    Returns:
+        What the block leaves.
+    """
+    text = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8")
+    (code,) = (each for each in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if marker in each)
+    for before, after in changes.items():
+        assert code.count(before) == 1, before
+        code = code.replace(before, after)
+    Path("block.py").write_text(code, encoding="utf-8")
+    return runpy.run_path("block.py", run_name="__main__")
 
 
 def outcome(function: Check) -> tuple[str, str]:

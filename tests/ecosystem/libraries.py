@@ -42,6 +42,7 @@ LIBRARIES: dict[str, Library] = {
     "skrl": Library("skrl", ("skrl[torch]",), ("skrl",)),
     "agilerl": Library("AgileRL", ("agilerl", "peft"), ("agilerl",)),
     "rllib": Library("RLlib", ("ray[rllib]",), ("ray",), remark="asks for gymnasium==1.2.2"),
+    "ray_tune": Library("Ray Tune", ("ray[tune]",), ("ray",)),
     "d3rlpy": Library(
         "d3rlpy",
         ("d3rlpy", "minari[hdf5]", "pillow", "tqdm"),

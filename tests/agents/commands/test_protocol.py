@@ -125,7 +125,7 @@ class _Bar:
 
 def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
     wish = Wish(algorithm="ppo", envs=4, steps=128, set=("n_steps=16", "batch_size=32"), eval_episodes=2, seed=0)
-    job = protocol.Job(wish, tmp_path / "ppo-0")
+    job = protocol.Job(wish, str(tmp_path / "ppo-0"))
     with monkeypatch.context() as patch, workers(2) as crew:
         patch.setattr(training, "train_one", _kill)
         said = "a training failed; the others stand in their folders: training ppo-0: its process ended with status -9"
@@ -133,7 +133,7 @@ def test_a_training_that_is_killed_is_named_and_goes_on(tmp_path, monkeypatch):
             protocol.train_all([job], crew, _Bar())
     with workers(1) as crew:
         protocol.train_all([job], crew, _Bar())
-    assert json.loads((job.folder / "results.json").read_text())["finished"]
+    assert json.loads((tmp_path / "ppo-0" / "results.json").read_text())["finished"]
     with pytest.raises(CommandError, match="was begun with other settings"):
         protocol.check({"ppo": [protocol.Job(replace(wish, set=()), job.folder)]}, {})
 

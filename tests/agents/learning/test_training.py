@@ -469,9 +469,9 @@ def test_a_wish_is_planned_as_it_is_recorded_and_says_its_command(algorithm: str
     wish = Wish(
         algorithm=algorithm, override=(SHORT,), steps=64, envs=2, set=tuple(SMALL[algorithm]), seed=3, eval_episodes=2
     )
-    job = plans.Job(wish, tmp_path / "run")
-    assert main(["train", *wish.words(), "--out", str(job.folder)]) == 0
-    recorded = plans.recorded_plan(job.folder / "run.json")
+    job = plans.Job(wish, str(tmp_path / "run"))
+    assert main(["train", *wish.words(), "--out", job.folder]) == 0
+    recorded = plans.recorded_plan(tmp_path / "run" / "run.json")
     assert shlex.split(recorded["command"]) == shlex.split(job.command)
     for key, value in plans.planned(wish).to_dict().items():
         assert recorded[key] == value
