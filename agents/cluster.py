@@ -136,9 +136,9 @@ class Cluster:
 
 
 def _line(error: BaseException) -> str:
-    """The first line that says what went wrong."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return (lines[0] if lines else type(error).__name__)[:300]
+    """The line that says what went wrong: the first, or where it hands on a traceback, the last."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
+    return lines[-1 if any(line.startswith("Traceback") for line in lines) else 0][:300]
 
 
 @functools.cache

@@ -348,6 +348,8 @@ class Run:
 
         total = self.plan.values["n_timesteps"]
         begun = time.perf_counter()
+        # One that came while something was compiled has been swallowed there.
+        interrupts.check()
         self._write_identity()
         logger = Logger(str(self.folder), [TensorBoardOutputFormat(str(self.folder / "tensorboard")), self._log()])
         self.model.set_logger(logger)

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import builtins
+import json
+import os
 import pickle
 import signal
-from collections.abc import Sequence
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests.trust.processes import start, until
 from uwoc_gym.agents import cluster
 from uwoc_gym.agents.cli import main
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.work import Task
+from uwoc_gym.agents.work import Task, run_all
 
 
 def doubled(factor: int, seeds: Sequence[int]) -> list[int]:
@@ -76,6 +85,13 @@ def test_a_place_that_there_is_not_is_refused(place: str, capsys: pytest.Capture
     assert "it must be ray, or ray://HOST:PORT" in capsys.readouterr().err
 
 
+def called(seeds: Sequence[int]) -> str:
+    import ray
+
+    name: str = ray.get_runtime_context().get_task_name()
+    return name
+
+
 @pytest.mark.filterwarnings("default")
 def test_ray_gives_the_same_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray")
@@ -85,5 +101,70 @@ def test_ray_gives_the_same_results(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for name, where in (("here", ["--jobs", "1"]), ("ray", ["--jobs", "2", "--on", "ray"])):
         assert main([*flights, *short, *where, "--out", str(tmp_path / name)]) == 0
         assert main([*search, *short, "--eval-episodes", "2", *where, "--out", str(tmp_path / f"tuned-{name}")]) == 0
+    with cluster.workers(1, "ray") as crew:
+        # What Ray's dashboard shows.
+        assert [name for _, name in run_all([Task(called, name="training ppo-0")], crew)] == ["training ppo-0"]
     for one, other in (("here/episodes.csv", "ray/episodes.csv"), ("tuned-here/trials.csv", "tuned-ray/trials.csv")):
         assert (tmp_path / one).read_bytes() == (tmp_path / other).read_bytes()
+
+
+@pytest.fixture
+def three_nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """The address of a cluster of a head and two nodes of one core, and the processes of these two."""
+    pytest.importorskip("ray")
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    with ExitStack() as sockets:
+        ports = [sockets.enter_context(closing(socket.create_server(("127.0.0.1", 0)))).getsockname()[1] for _ in "ab"]
+    nodes: list[subprocess.Popen[bytes]] = []
+
+    def begin(*words: str) -> None:
+        command = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--object-store-memory=100000000"]
+        nodes.append(subprocess.Popen([*command, *words], stdout=subprocess.DEVNULL, start_new_session=True))
+        time.sleep(10.0)
+
+    try:
+        client = f"--ray-client-server-port={ports[1]}"
+        begin("--head", f"--port={ports[0]}", client, "--num-cpus=0", "--include-dashboard=false")
+        for _ in range(2):
+            begin(f"--address=127.0.0.1:{ports[0]}", "--num-cpus=1")
+        yield f"ray://127.0.0.1:{ports[1]}", nodes[1:]
+    finally:
+        # Asked to stop, `ray start` ends all that it has begun.
+        for node in reversed(nodes):
+            node.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                node.wait(timeout=30.0)
+            with suppress(ProcessLookupError):
+                os.killpg(node.pid, signal.SIGKILL)
+            node.wait()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("dies", ["node", "driver"])
+def test_what_dies_on_a_cluster_changes_no_number(
+    dies: str, three_nodes: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
+) -> None:
+    address, nodes = three_nodes
+    words = ["protocol", "--groups", "ppo", "--training-seeds", "2", "--steps", "700000", "--scenario", "Random"]
+    words += ["--seeds", "4", "--rivals", "nlpd"]
+    there = [*words, "--on", address, "--runs", str(tmp_path / "there"), "--out", str(tmp_path / "out-there")]
+    process = start(*there)
+    checkpoints = [tmp_path / f"there/ppo-{seed}/checkpoint-000002" for seed in range(2)]
+    until(lambda: all(path.is_dir() for path in checkpoints), process)
+    os.killpg(nodes[0].pid if dies == "node" else process.pid, signal.SIGKILL)
+    if dies == "driver":
+        process.communicate()
+        process = start(*there)
+    _, errors = process.communicate(timeout=600)
+    assert process.returncode == 0, errors
+    assert main([*words, "--jobs", "1", "--runs", str(tmp_path / "here"), "--out", str(tmp_path / "out-here")]) == 0
+    with np.load(tmp_path / "out-there/scores.npz") as mine, np.load(tmp_path / "out-here/scores.npz") as other:
+        assert mine.files == other.files
+        for name in mine.files:
+            np.testing.assert_array_equal(mine[name], other[name])
+    for seed in range(2):
+        told = [json.loads((tmp_path / f"{place}/ppo-{seed}/results.json").read_text()) for place in ("there", "here")]
+        assert told[0]["evaluations"] == told[1]["evaluations"]
+        # Nothing that a checkpoint stood for was done again.
+        assert len((tmp_path / f"there/ppo-{seed}/train.log").read_text().splitlines()) == len(told[0]["evaluations"])

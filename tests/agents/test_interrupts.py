@@ -22,7 +22,7 @@ from uwoc_gym import agents
 from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.cli import COMMANDS, main
 from uwoc_gym.agents.errors import CommandError
-from uwoc_gym.agents.learning import checkpoints
+from uwoc_gym.agents.learning import checkpoints, training
 from uwoc_gym.agents.reports import files
 
 LONG = ["--scenario", "Nominal", "--override", '{"episode": {"duration_s": 100000}}']
@@ -94,6 +94,20 @@ def _alive(group: int) -> list[str]:
             if int(own) == group and state != "Z":
                 found.append(f"{name}) {state}")
     return found
+
+
+def test_a_request_that_is_swallowed_while_something_compiles_is_heard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def compiling(run: training.Run) -> list[str]:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return []
+
+    monkeypatch.setattr(training.Run, "preview", compiling)
+    assert main(["train", *TRAIN, "--steps", "64", "--out", str(tmp_path / "run")]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "uwoc-gym train: error: interrupted"
+    assert not training.begun(tmp_path / "run")
 
 
 def test_all_commands_that_take_long_are_interrupted() -> None:
