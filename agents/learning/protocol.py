@@ -61,7 +61,7 @@ GROUPS: dict[str, Group] = {
     "td3": Group(Wish(algorithm="td3", eval_every=30_000, eval_episodes=64), 3, "TD3 on the last four observations"),
     "ppo-underactuated": Group(
         Wish(algorithm="ppo", env="uwoc/Underactuated-v0", eval_every=500_000, eval_episodes=192),
-        5,
+        10,
         "PPO behind a filter for the current, without a sway force",
     ),
     "ppo-tide": Group(
