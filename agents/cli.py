@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import NoReturn
 
 from uwoc_gym import __version__
@@ -43,6 +42,9 @@ PROGRAM = "uwoc-gym"
 
 _FOLDERS = ("out", "ship")
 """Options that say a folder to be filled, which may be elsewhere."""
+
+_OF_FILES = ("record", "replay")
+"""Commands that fill no folder."""
 
 LONGEST = 4000
 """Characters of an error that are shown."""
@@ -99,7 +101,7 @@ def _run(argv: Sequence[str] | None) -> int:
         with ExitStack() as folders:
             for option in _FOLDERS:
                 given = getattr(args, option, None)
-                if isinstance(given, str) and places.elsewhere(given) and not Path(given).suffix:
+                if isinstance(given, str) and places.elsewhere(given) and args.command not in _OF_FILES:
                     with naming(f"--{option}"):
                         setattr(args, option, str(folders.enter_context(places.held(given))))
             return int(COMMANDS[args.command].run(args))

@@ -92,7 +92,7 @@ def address(path: Path) -> str:
 
 def inside(given: str | Path, name: str) -> str:
     """The address of what lies in a folder."""
-    return f"{given}/{name}" if elsewhere(given) else str(Path(given) / name)
+    return f"{str(given).rstrip('/')}/{name}" if elsewhere(given) else str(Path(given) / name)
 
 
 def names(given: str | Path, start: str) -> list[str]:
@@ -110,7 +110,7 @@ def local(given: str | Path) -> Path:
     """A path to read from: of a folder that is elsewhere a copy, as it is now, of the files that stand at its top.
 
     Args:
-        given: The address of a folder, or of a file, whose name then has a suffix; or a path.
+        given: The address of a folder, or of a .zip or .json file; or a path.
 
     Raises:
         CommandError: It can't be reached.
@@ -118,7 +118,7 @@ def local(given: str | Path) -> Path:
     if not elsewhere(given):
         return Path(given)
     folder, _, name = str(given).rpartition("/")
-    if not Path(name).suffix:
+    if Path(name).suffix not in (".zip", ".json"):
         folder, name = str(given), ""
     copy = _seen(folder.rstrip("/"))
     copy.fetch(top=True)

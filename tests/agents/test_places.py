@@ -133,6 +133,8 @@ def test_what_cannot_be_reached_is_named(
 
 
 def test_a_file_elsewhere_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", "--out", "memory://a/b.html"]) == 1
+    assert "--out memory://a/b.html is not allowed; it must be a file of this machine." in capsys.readouterr().err
     assert main(["record", "--out", "memory://a/b.gif"]) == 1
     assert "--out memory://a/b.gif is not allowed; it must be a file of this machine." in capsys.readouterr().err
 
@@ -174,14 +176,14 @@ def test_a_protocol_elsewhere_gives_the_same(there: str, tmp_path: Path, monkeyp
     words = ["protocol", "--groups", "ppo", "--training-seeds", "2", "--steps", "128", "--seeds", "4", "--jobs", "1"]
     words += ["--scenario", "Random", *SHORT, "--rivals", "pd"]
     assert main([*words, "--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out")]) == 0
-    assert main([*words, "--runs", f"{there}/runs", "--out", f"{there}/out", "--ship", f"{there}/ship"]) == 0
+    assert main([*words, "--runs", f"{there}/runs.v1/", "--out", f"{there}/out/", "--ship", f"{there}/ship"]) == 0
     here = json.loads((tmp_path / "out/results.json").read_text())["results"]
     assert json.loads(read(f"{there}/out/results.json"))["results"] == here
-    assert {"out/BENCHMARK.md", "out/scores.npz", "ship/ppo/model.zip", "runs/ppo-1/train.log"} <= names(there)
+    assert {"out/BENCHMARK.md", "out/scores.npz", "ship/ppo/model.zip", "runs.v1/ppo-1/train.log"} <= names(there)
     # What is finished stays.
-    before = read(f"{there}/runs/ppo-0/results.json")
-    assert main([*words, "--runs", f"{there}/runs", "--out", f"{there}/again"]) == 0
-    assert read(f"{there}/runs/ppo-0/results.json") == before
+    before = read(f"{there}/runs.v1/ppo-0/results.json")
+    assert main([*words, "--runs", f"{there}/runs.v1", "--out", f"{there}/again"]) == 0
+    assert read(f"{there}/runs.v1/ppo-0/results.json") == before
 
 
 def test_searches_and_benchmarks_elsewhere_give_the_same(there: str, tmp_path: Path) -> None:
