@@ -110,14 +110,14 @@ def _run(argv: Sequence[str] | None) -> int:
     except _UsageError as error:
         return _fail(command, str(error), 2)
     except (CommandError, SettingError) as error:
-        return _fail(command, str(error), 1)
+        return _fail(command, places.by_address(str(error)), 1)
     except BrokenPipeError:
         # The reader, such as `head`, has gone; nothing more may be flushed to it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
         text = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)
-        return _fail(command, text, 1)
+        return _fail(command, places.by_address(text), 1)
     except MemoryError:
         return _fail(command, "there isn't enough memory for that; ask for less at a time", 1)
     except KeyboardInterrupt:

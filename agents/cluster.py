@@ -100,7 +100,7 @@ class Cluster:
     def begin(self, number: int, task: Task) -> None:
         """See `Hands`."""
         do = self._do.options(name=task.name, num_cpus=1, max_retries=RETRIES)
-        self._under_way[do.remote(pickle.dumps(task), same())] = number, task
+        self._under_way[do.remote(pickle.dumps(task), same(), os.getcwd())] = number, task
 
     def answers(self) -> Sequence[Answer]:
         """See `Hands`."""
@@ -154,10 +154,10 @@ def same() -> dict[str, str]:
     return {**files.versions(), "code of uwoc-gym": digest.hexdigest()[:16]}
 
 
-def outpost() -> Callable[[bytes, Mapping[str, str]], tuple[bool, Any]]:
+def outpost() -> Callable[[bytes, Mapping[str, str], str], tuple[bool, Any]]:
     """What Ray calls on a node. Made here so that it goes there by value: the node may lack this package."""
 
-    def do(task: bytes, wanted: Mapping[str, str]) -> tuple[bool, Any]:
+    def do(task: bytes, wanted: Mapping[str, str], folder: str) -> tuple[bool, Any]:
         try:
             from uwoc_gym.agents.cluster import perform
         except ImportError as error:
@@ -167,17 +167,18 @@ def outpost() -> Callable[[bytes, Mapping[str, str]], tuple[bool, Any]]:
                 f"on node {platform.node()} uwoc-gym {wanted['uwoc-gym']} isn't installed ({error}); install there "
                 "what is here."
             )
-        return perform(task, wanted)
+        return perform(task, wanted, folder)
 
     return do
 
 
-def perform(task: bytes, wanted: Mapping[str, str]) -> tuple[bool, Any]:
+def perform(task: bytes, wanted: Mapping[str, str], folder: str) -> tuple[bool, Any]:
     """Do a task on a node.
 
     Args:
         task: A pickled `Task`.
         wanted: What `same` gives where it was made.
+        folder: Where paths in it begin, if this node has that folder.
 
     Returns:
         Whether it was done, and its result, pickled, or an error that says where it was raised.
@@ -187,6 +188,8 @@ def perform(task: bytes, wanted: Mapping[str, str]) -> tuple[bool, Any]:
     if unlike:
         return False, CommandError(f"on node {platform.node()} {', '.join(unlike)}; install there what is here.")
     work.take_one_thread()
+    with suppress(OSError):
+        os.chdir(folder)
     with interrupts.heard():
         try:
             good, found = work.attempt(pickle.loads(task))

@@ -6,21 +6,24 @@ checkpoint and at the end, whatever ends it.
 
 from __future__ import annotations
 
-import functools
 import json
 import re
 import shutil
 import tempfile
 import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
+from uwoc_gym.agents import interrupts
 from uwoc_gym.agents.errors import CommandError, require
 
 OFTEN_S = 10.0
 """Time from one time that what has been found is put back to the next [s]."""
+
+_PAUSES_S = (1.0, 5.0)
+"""How long to wait before what failed is tried again [s]."""
 
 _LIST = ".files.json"
 """The names of all files of a folder, written after them: what isn't named there hasn't come to its end."""
@@ -35,11 +38,14 @@ def elsewhere(given: str | Path) -> bool:
 def held(given: str | Path) -> Iterator[Path]:
     """A folder of this machine to work in, for a folder by its address; a path is what it is.
 
+    Who asks to stop while the last files are put back is heard when they are.
+
     Args:
         given: The address, or a path.
 
     Raises:
-        CommandError: It can't be reached, or what it holds can't be read, or it can't be written to.
+        CommandError: It can't be reached, or what it holds can't be read, or it can't be written to. What couldn't be
+            put back stays on this machine, and the error says where.
     """
     if not elsewhere(given):
         yield Path(given)
@@ -51,11 +57,20 @@ def held(given: str | Path) -> Iterator[Path]:
     try:
         yield copy.folder
     except CommandError as error:
-        raise CommandError(str(error).replace(str(copy.folder), copy.address)) from None
+        raise CommandError(by_address(str(error))) from None
     finally:
         _held.remove(copy)
-        copy.put_back()
-        copy.forget()
+        with interrupts.noted() as asked:
+            copy.end()
+        if asked:
+            raise KeyboardInterrupt
+
+
+def by_address(text: str) -> str:
+    """A text in which folders that are elsewhere are named by their addresses, not by those of their copies here."""
+    for copy in (*_held, *_seen.values()):
+        text = text.replace(str(copy.folder), copy.address)
+    return text
 
 
 def check(given: str) -> None:
@@ -64,7 +79,7 @@ def check(given: str) -> None:
     Raises:
         CommandError: It can't be reached, or it can't be written to.
     """
-    _seen(given.rstrip("/")).try_out()
+    _look(given).try_out()
 
 
 def keep(folder: Path, every_s: float = 0.0) -> None:
@@ -103,7 +118,7 @@ def names(given: str | Path, start: str) -> list[str]:
     """
     if not elsewhere(given):
         return sorted(path.name for path in Path(given).glob(f"{start}*"))
-    return _seen(str(given).rstrip("/")).names(start)
+    return sorted(name for name in _look(str(given)).top(folders=True) if name.startswith(start))
 
 
 def local(given: str | Path) -> Path:
@@ -118,11 +133,13 @@ def local(given: str | Path) -> Path:
     if not elsewhere(given):
         return Path(given)
     folder, _, name = str(given).rpartition("/")
-    if Path(name).suffix not in (".zip", ".json"):
-        folder, name = str(given), ""
-    copy = _seen(folder.rstrip("/"))
-    copy.fetch(top=True)
-    return copy.folder / name
+    if Path(name).suffix in (".zip", ".json"):
+        copy = _look(folder)
+        copy.take([name])
+        return copy.folder / name
+    copy = _look(str(given))
+    copy.take(copy.top())
+    return copy.folder
 
 
 class _Copy:
@@ -132,7 +149,7 @@ class _Copy:
         given: Its address.
 
     Raises:
-        CommandError: There is no such file system.
+        CommandError: There is no such file system, or the address names no folder in it.
     """
 
     def __init__(self, given: str) -> None:
@@ -140,15 +157,18 @@ class _Copy:
         import fsspec
 
         self.address = given.rstrip("/")
+        name = self.address.rpartition("/")[2]
+        if not elsewhere(self.address) or name in (".", ".."):
+            raise CommandError(f"{given} is not allowed; it must name a folder, such as s3://bucket/runs.")
         with self._reaching():
             self._system, self._root = fsspec.core.url_to_fs(self.address)
         parent = tempfile.mkdtemp(prefix="uwoc-gym-")
-        self.forget = weakref.finalize(self, shutil.rmtree, parent, ignore_errors=True)
-        """Removes it from this machine."""
-        self.folder = Path(parent) / (self.address.rpartition("/")[2] or "root")
+        self._forget = weakref.finalize(self, shutil.rmtree, parent, ignore_errors=True)
+        self.folder = Path(parent) / name
         self.folder.mkdir()
         self.kept = time.monotonic()
         self._there: dict[str, tuple[int, int]] = {}
+        self._keys: dict[str, str] = {}
 
     @contextmanager
     def _reaching(self) -> Iterator[None]:
@@ -164,40 +184,57 @@ class _Copy:
     def _at(self, name: str) -> str:
         return f"{self._root.rstrip('/')}/{name}"
 
-    def fetch(self, top: bool = False) -> None:
-        """Take over what is there.
+    def fetch(self) -> None:
+        """Take over all that is there, or what its list of files names."""
+        self.take(self._listed())
+        self._there = self._here()
 
-        Args:
-            top: Only the files that don't lie in folders of it.
-        """
+    def take(self, names: Iterable[str]) -> None:
+        """Take over files, unless they are here as they are there; what isn't there any more goes."""
         with self._reaching():
             # Other processes may have written since it was last looked at.
             self._system.invalidate_cache()
-            for name in self._names(top):
+            for name in names:
                 target = self.folder / name
-                target.parent.mkdir(parents=True, exist_ok=True)
-                self._system.get_file(self._at(name), str(target))
-        self._there = self._here()
+                try:
+                    key = self._system.ukey(self._at(name))
+                    if key == self._keys.get(name) and target.is_file():
+                        continue
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    self._system.get_file(self._at(name), str(target))
+                    self._keys[name] = key
+                except FileNotFoundError:
+                    target.unlink(missing_ok=True)
 
-    def _names(self, top: bool) -> list[str]:
-        if not top:
+    def _listed(self) -> list[str]:
+        """The names of its files, but for those of folders in it that have lists of their own."""
+        with self._reaching():
+            self._system.invalidate_cache()
             with suppress(FileNotFoundError):
-                return list(json.loads(self._system.cat_file(self._at(_LIST))))
-        found = self._system.find(self._root, maxdepth=1 if top else None)
-        # A file is found in itself.
-        names = [path[len(self._root) :].strip("/") for path in found]
-        return [name for name in names if name and not _passing(Path(name))]
+                found = json.loads(self._system.cat_file(self._at(_LIST)))
+                for name in found:
+                    if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+                        raise ValueError(f"its list of files names {name!r}")
+                return list(found)
+            names = [self._name(path) for path in self._system.find(self._root)]
+        others = {name.removesuffix(_LIST) for name in names if name.endswith(f"/{_LIST}")}
+        # A file is found in itself, by no name.
+        return [name for name in names if name and not _passing(Path(name)) and not name.startswith(tuple(others))]
 
-    def names(self, start: str) -> list[str]:
-        """Names of what lies in it that begin so."""
+    def _name(self, path: str) -> str:
+        return path[len(self._root) :].strip("/")
+
+    def top(self, folders: bool = False) -> list[str]:
+        """The names of the files at its top, and of the folders too if they are asked for; those that are gone go."""
         with self._reaching():
             self._system.invalidate_cache()
             try:
-                found = self._system.ls(self._root, detail=False)
+                found = self._system.ls(self._root, detail=True)
             except FileNotFoundError:
-                return []
-        own = {path.rstrip("/").rpartition("/")[2] for path in found}
-        return sorted(name for name in own if name.startswith(start))
+                found = []
+        names = {self._name(each["name"]) for each in found if folders or each["type"] == "file"}
+        names = {name for name in names if name and not _passing(Path(name))}
+        return sorted(names if folders else names | {path.name for path in self.folder.iterdir()})
 
     def try_out(self) -> None:
         """Write to it, and leave nothing.
@@ -207,34 +244,49 @@ class _Copy:
         """
         name = self._at(".try")
         with self._reaching():
+            missing = []
+            folder = self._root.rstrip("/")
+            while folder and not self._system.exists(folder):
+                missing.append(folder)
+                folder = folder.rpartition("/")[0]
             self._system.makedirs(self._root, exist_ok=True)
             self._system.pipe_file(name, b"")
             self._system.rm_file(name)
+            for folder in missing:
+                # Where a store has no folders of its own there is nothing to remove.
+                with suppress(Exception):
+                    self._system.rmdir(folder)
 
     def put_back(self) -> None:
         """Put back what has changed; what isn't here any more goes once the list of files says so.
 
+        What fails is tried again, after a while.
+
         Raises:
-            CommandError: It can't be reached; what is missing there stays here.
+            CommandError: It can't be reached.
         """
+        for pause in _PAUSES_S:
+            try:
+                self._put_back()
+                return
+            except CommandError:
+                time.sleep(pause)
+        self._put_back()
+
+    def _put_back(self) -> None:
         here = self._here()
         changed = [name for name in here if here[name] != self._there.get(name)]
         gone = self._there.keys() - here.keys()
         if not changed and not gone:
             return
-        try:
-            with self._reaching():
-                for name in changed:
-                    self._system.makedirs(self._at(name).rpartition("/")[0], exist_ok=True)
-                    self._system.put_file(str(self.folder / name), self._at(name))
-                self._system.pipe_file(self._at(_LIST), json.dumps(sorted(here)).encode())
-                for name in gone:
-                    with suppress(FileNotFoundError):
-                        self._system.rm_file(self._at(name))
-        except CommandError as error:
-            safe = Path(tempfile.mkdtemp(prefix="uwoc-gym-kept-")) / self.folder.name
-            shutil.copytree(self.folder, safe)
-            raise CommandError(f"{error}; what it should have got stands in {safe}") from error
+        with self._reaching():
+            for name in changed:
+                self._system.makedirs(self._at(name).rpartition("/")[0], exist_ok=True)
+                self._system.put_file(str(self.folder / name), self._at(name))
+            self._system.pipe_file(self._at(_LIST), json.dumps(sorted(here)).encode())
+            for name in gone:
+                with suppress(FileNotFoundError):
+                    self._system.rm_file(self._at(name))
         self._there, self.kept = here, time.monotonic()
 
     def _here(self) -> dict[str, tuple[int, int]]:
@@ -247,6 +299,19 @@ class _Copy:
                 found[name.as_posix()] = status.st_mtime_ns, status.st_size
         return found
 
+    def end(self) -> None:
+        """Put back what has changed, and remove it from this machine.
+
+        Raises:
+            CommandError: It can't be reached; what it should have got stays here.
+        """
+        try:
+            self.put_back()
+        except BaseException as error:
+            self._forget.detach()
+            raise CommandError(f"{error}; what it should have got stands in {self.folder}") from error
+        self._forget()
+
 
 def _passing(name: Path) -> bool:
     """Whether a file is there only while somebody is at work: locks, and what isn't whole."""
@@ -255,4 +320,10 @@ def _passing(name: Path) -> bool:
 
 _held: list[_Copy] = []
 
-_seen = functools.cache(_Copy)
+_seen: dict[str, _Copy] = {}
+"""What is only read, by its address: it stays for the next look."""
+
+
+def _look(given: str) -> _Copy:
+    copy = _seen.get(given.rstrip("/")) or _Copy(given)
+    return _seen.setdefault(copy.address, copy)

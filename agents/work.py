@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -238,6 +240,7 @@ class Crew:
 
 def serve(connection: Connection) -> None:
     """Do the tasks that come, one after another, until nobody is there any more to send one."""
+    threading.Thread(target=_follow, daemon=True).start()
     while True:
         answer: tuple[bool, Any]
         try:
@@ -255,6 +258,14 @@ def serve(connection: Connection) -> None:
         except Exception as error:
             # What a task gives, its process must be able to send.
             connection.send((False, portable(error)))
+
+
+def _follow() -> None:
+    """Ask this process to stop when the one that it works for has been killed: its task may take hours yet."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def attempt(task: Task) -> tuple[bool, Any]:

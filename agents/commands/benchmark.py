@@ -384,7 +384,7 @@ def _document(
     begun: float,
 ) -> dict[str, Any]:
     words = args.policy or dict.fromkeys(each for name in scenarios for each in by_default(name))
-    policies = [str(Path(name)) if name.endswith(".zip") else name for name in words]
+    policies = [str(Path(name)) if name.endswith(".zip") and not places.elsewhere(name) else name for name in words]
     return {
         "finished": finished,
         "settings": {

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from uwoc_gym.agents import interrupts
+from uwoc_gym.agents import interrupts, places
 from uwoc_gym.agents.errors import CommandError, naming, require
 from uwoc_gym.agents.flight import batches, check_flights, flown_seeds
 from uwoc_gym.agents.learning.demonstrations import flown, replayed
@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
         files.write_results(dataset.folder, args.command_line, {name: scenario}, document)
     for policy, own in summary.items():
         print(f"{policy}: {own['episodes']} episodes, return {own['return_mean']:.1f} ± {own['return_std']:.1f}")
-    print(f"{folder}: {len(dataset)} episodes")
+    print(f"{places.address(folder)}: {len(dataset)} episodes")
     if interrupted:
         print(f"uwoc-gym dataset: interrupted after {len(dataset)} finished episodes", file=sys.stderr)
         return interrupts.status()

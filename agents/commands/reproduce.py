@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.reports import files
 from uwoc_gym.agents.reports.documents import Table, markdown, page
@@ -42,5 +43,5 @@ def run(args: argparse.Namespace) -> int:
     for block in blocks:
         if isinstance(block, Table) and "RMSE" in block.header[1]:
             print(f"{grid(block.header, block.rows)}\n")
-    print(f"{len(figures)} figures, report.md, report.html and results.json are in {folder}")
+    print(f"{len(figures)} figures, report.md, report.html and results.json are in {places.address(folder)}")
     return 0

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uwoc_gym.agents import interrupts
+from uwoc_gym.agents import interrupts, places
 from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.flight import batches, check_flights, fly
 from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, BATCH, training_seed
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
             f"{called}: {each['place_rms_m']:.3f} m off (RMS; median {each['place_median_m']:.3f}), "
             f"{each['heading_rms_rad']:.3f} rad; nlpd-tuned behind it: return {each['return']:.1f}"
         )
-    print(f"{folder / FILE}: {len(losses):,} steps")
+    print(f"{places.address(folder / FILE)}: {len(losses):,} steps")
     if not finished:
         print(f"uwoc-gym tracker: interrupted after {len(losses):,} steps of {args.steps:,}", file=sys.stderr)
         return interrupts.status()

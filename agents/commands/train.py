@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import require
 from uwoc_gym.agents.learning.plans import DEFAULT_ENV, Wish
 from uwoc_gym.agents.learning.seeds import ALL_VALIDATION, RUNS
 from uwoc_gym.agents.learning.settings import TRAINABLE
 from uwoc_gym.agents.options import add_scenario_arguments, add_trust_argument, add_wrapper_argument, number, whole
+from uwoc_gym.agents.policies import saved
 from uwoc_gym.agents.policies.registry import MAY_BE
 from uwoc_gym.agents.reports import files
 
@@ -91,16 +95,18 @@ def run(args: argparse.Namespace) -> int:
         made = training.train(wish, folder, args.command_line, args.resume, args.threads, tell=_tell)
     except training.Interruption as stop:
         trust = " --trust" if wish.names_code else ""
-        print(f"uwoc-gym train: {stop}; go on with: uwoc-gym train --resume{trust} --out {args.out}", file=sys.stderr)
+        out = shlex.quote(places.address(Path(args.out)))
+        print(f"uwoc-gym train: {stop}; go on with: uwoc-gym train --resume{trust} --out {out}", file=sys.stderr)
         return stop.status
     if already:
-        print(f"uwoc-gym train: the run in {folder} is finished", file=sys.stderr)
+        print(f"uwoc-gym train: the run in {places.address(folder)} is finished", file=sys.stderr)
         return 0
     best = made.progress.best
     assert best is not None
     learned = "anything" if made.plan.values["teacher"] is None else "from rewards"
     untrained = f", before it had learned {learned}" if best["steps"] == 0 else ""
-    print(f"best model, at step {best['steps']:,} of {made.progress.steps:,}{untrained}: {folder / 'model.zip'}")
+    model = places.address(folder / saved.MODEL)
+    print(f"best model, at step {best['steps']:,} of {made.progress.steps:,}{untrained}: {model}")
     for name, scores in {"agent": best, **made.baselines}.items():
         print(f"  {name}: " + ", ".join(_score(key, scores) for key in ("return", "availability") if key in scores))
     return 0

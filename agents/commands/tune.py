@@ -156,7 +156,7 @@ def _begun(args: argparse.Namespace) -> Tuned:
         if args.begin in CONTROLLERS:
             found = begun(args.begin)
         else:
-            path = gains_path(Path(args.begin))
+            path = gains_path(places.local(args.begin))
             if path is None:
                 raise CommandError(
                     f"there are no gains {shown(args.begin)}; give a controller that uwoc-gym list shows, the folder "

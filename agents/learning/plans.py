@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uwoc_gym.agents import places
 from uwoc_gym.agents.errors import CommandError, naming, require
 from uwoc_gym.agents.flight import decide
 from uwoc_gym.agents.learning import settings
@@ -315,7 +316,7 @@ def _is_typed(wish: Wish, setting: str) -> bool:
 def _is_code(name: str) -> bool:
     """Whether a name has a module to import that isn't this package."""
     module, colon, _ = name.partition(":")
-    return bool(colon) and module != "uwoc_gym"
+    return bool(colon) and module != "uwoc_gym" and not places.elsewhere(name)
 
 
 def _check_trusted(what: str, name: str) -> None:
@@ -425,7 +426,7 @@ def _called(found: Said, env_id: str) -> str:
 def _overridden(wish: Wish, algorithm: str, values: dict[str, Any]) -> dict[str, Any]:
     values = settings.assigned(algorithm, values, wish.set)
     residual: Any = wish.residual
-    gains = None if residual is None else gains_path(Path(residual))
+    gains = None if residual is None else gains_path(places.local(residual))
     if gains is not None:
         # The run holds the gains themselves, whatever becomes of the file.
         with naming("--residual"):

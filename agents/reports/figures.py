@@ -282,7 +282,8 @@ def profiles(
     axis.set_xlabel("share of the possible return")
     axis.set_ylabel("share of episodes above it")
     axis.grid(color="#dddddd", linewidth=0.6)
-    axis.legend(fontsize=8, **LEGEND)
+    # Beside the axes: lines may pass anywhere in them.
+    axis.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5), **LEGEND)
     axis.set_title(heading([name, tables.wrapped(wrappers)], 75))
     save(chart, path)
 

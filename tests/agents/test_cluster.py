@@ -39,9 +39,20 @@ def stopped(seeds: Sequence[int]) -> None:
 
 
 def test_a_node_does_what_it_is_sent() -> None:
-    good, found = cluster.perform(pickle.dumps(Task(doubled, (2,), [3, 4])), cluster.same())
+    good, found = cluster.perform(pickle.dumps(Task(doubled, (2,), [3, 4])), cluster.same(), "")
     assert good
     assert pickle.loads(found) == [6, 8]
+
+
+def where(seeds: Sequence[int]) -> str:
+    return str(Path.cwd())
+
+
+def test_paths_begin_on_a_node_where_they_do_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir("/")
+    good, found = cluster.perform(pickle.dumps(Task(where)), cluster.same(), str(tmp_path))
+    assert good
+    assert pickle.loads(found) == str(tmp_path)
 
 
 def test_a_node_without_the_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,21 +64,21 @@ def test_a_node_without_the_package_is_named(monkeypatch: pytest.MonkeyPatch) ->
         return real(name, *more)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    good, found = cluster.outpost()(b"", {"uwoc-gym": "0.1.0"})
+    good, found = cluster.outpost()(b"", {"uwoc-gym": "0.1.0"}, "")
     assert not good
     assert "uwoc-gym 0.1.0 isn't installed (No module named 'uwoc_gym'); install there what is here." in found
 
 
 def test_a_node_with_another_version_is_refused() -> None:
     task = pickle.dumps(Task(doubled, (2,), [3]))
-    good, found = cluster.perform(task, cluster.same() | {"uwoc-gym": "9.9", "code of uwoc-gym": "0"})
+    good, found = cluster.perform(task, cluster.same() | {"uwoc-gym": "9.9", "code of uwoc-gym": "0"}, "")
     assert not good
     assert isinstance(found, CommandError)
     assert "here 9.9, code of uwoc-gym is" in str(found)
 
 
 def test_a_node_whose_disk_is_full_is_named() -> None:
-    good, found = cluster.perform(pickle.dumps(Task(full)), cluster.same())
+    good, found = cluster.perform(pickle.dumps(Task(full)), cluster.same(), "")
     assert not good
     assert isinstance(found, CommandError)
     assert "No space left on device: 'runs/ppo-0' (on node " in str(found)
@@ -75,7 +86,7 @@ def test_a_node_whose_disk_is_full_is_named() -> None:
 
 def test_a_task_that_is_asked_to_stop_ends_its_process() -> None:
     with pytest.raises(SystemExit) as ended:
-        cluster.perform(pickle.dumps(Task(stopped)), cluster.same())
+        cluster.perform(pickle.dumps(Task(stopped)), cluster.same(), "")
     assert ended.value.code == 128 + signal.SIGTERM
 
 

@@ -110,6 +110,21 @@ def test_a_request_that_is_swallowed_while_something_compiles_is_heard(
     assert not training.begun(tmp_path / "run")
 
 
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
+def test_who_works_for_a_command_that_is_killed_ends_and_keeps_what_it_has(tmp_path: Path) -> None:
+    words, begun = WORK["protocol"]
+    process = start("protocol", "--jobs", "2", *(word.replace("OUT", str(tmp_path)) for word in words))
+    until(lambda: begun(tmp_path), process)
+    process.kill()
+    latest = time.monotonic() + 60.0
+    while _alive(process.pid) and time.monotonic() < latest:
+        time.sleep(0.1)
+    assert _alive(process.pid) == []
+    process.communicate()
+    for seed in range(2):
+        assert checkpoints.newest(tmp_path / f"runs/ppo-{seed}") is not None
+
+
 def test_all_commands_that_take_long_are_interrupted() -> None:
     assert set(WORK) == set(COMMANDS) - {"list"}
 
