@@ -50,7 +50,8 @@ class Controller(Law):
 
     Args:
         gains: A gain set or the name of one; or a sequence of N of them, one for each of N observations.
-        scenario, filtered: As in `Law`.
+        scenario: As in `Law`.
+        filtered: As in `Law`.
 
     Raises:
         SettingError: There is no gain set or scenario of that name, or the scenario's observations leave out what the

@@ -57,7 +57,8 @@ class Guidance(Law):
 
     Args:
         gains: A gain set, or a sequence of N of them, one for each of N observations.
-        scenario, filtered: As in `Law`.
+        scenario: As in `Law`.
+        filtered: As in `Law`.
 
     Raises:
         SettingError: As in `Law`, or ``gains`` is something else.
