@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
@@ -125,6 +126,9 @@ def three_nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, list[sub
     pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    # Of its own: Ray keeps there which cluster is this machine's, also once that one is gone.
+    folder = tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True)
+    monkeypatch.setenv("RAY_TMPDIR", folder.name)
     with ExitStack() as sockets:
         ports = [sockets.enter_context(closing(socket.create_server(("127.0.0.1", 0)))).getsockname()[1] for _ in "ab"]
     nodes: list[subprocess.Popen[bytes]] = []
@@ -149,6 +153,7 @@ def three_nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, list[sub
             with suppress(ProcessLookupError):
                 os.killpg(node.pid, signal.SIGKILL)
             node.wait()
+        folder.cleanup()
 
 
 @pytest.mark.long

@@ -29,7 +29,7 @@ def off_policy() -> None:
     def make(config: dict[str, Any]) -> gym.Env:
         return gym.make(ID, max_episode_steps=20, **config)
 
-    ray.init(num_cpus=2, include_dashboard=False, configure_logging=False)
+    ray.init(address="local", num_cpus=2, include_dashboard=False, configure_logging=False)
     register_env("tracking", make)
     algorithm = (
         SACConfig()
